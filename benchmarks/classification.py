@@ -1,4 +1,4 @@
-"""Labelled cohorts: the default road beside the best time-series classifiers, on the same folds."""
+"""Labelled cohorts: our defaults beside the best time-series classifiers, on the same folds."""
 
 from __future__ import annotations
 

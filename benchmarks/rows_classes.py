@@ -12,7 +12,7 @@ from typing import Final, Literal
 import judged_classes as judged
 from experiments import Row, experiment, quick, timed
 
-from modalmotion.classification import DEFAULT_MODEL, OFFSET_MODEL
+from modalmotion.classification import DEFAULT_MODEL, NORMAL_DISPLACEMENT_MODEL
 
 _Figure = tuple[str, str, float | tuple[float, float], Literal["lower", "higher"]]
 
@@ -47,8 +47,11 @@ def _rows(name: str, what: str, figures: dict[str, _Figure]) -> tuple[Row, ...]:
     )
 
 
-for _kind, _model in (("material", DEFAULT_MODEL), ("offset", OFFSET_MODEL)):
-    _what = f"model of {_kind} points, hearts of"
+for _kind, _model, _of in (
+    ("material", DEFAULT_MODEL, "material points"),
+    ("normal_displacement", NORMAL_DISPLACEMENT_MODEL, "normal displacements"),
+):
+    _what = f"model of {_of}, hearts of"
     _own = _rows(f"{_kind}.own", f"{_what} its generator", _OWN)
     experiment(*_own)(partial(judged.on_own, _model, 20))
     _asked = (

@@ -14,7 +14,7 @@ from train_shipped import RECIPES, as_tracked, hearts, without_apex
 import modalmotion as mm
 from modalmotion.classification import (
     DEFAULT_MODEL,
-    OFFSET_MODEL,
+    NORMAL_DISPLACEMENT_MODEL,
     TrainingCase,
     classify,
     load_model,
@@ -72,7 +72,10 @@ def test_what_is_stated_as_a_cylinder_is_closed_to_a_cup_for_normal_displacement
     found = classify(cut, load_model())
     assert found.flags == ("out of domain",)
     assert "State the topology if it is wrong" in found.notes[0]
-    for other, name in ((replace(cut, topology=None), DEFAULT_MODEL), (cut, OFFSET_MODEL)):
+    for other, name in (
+        (replace(cut, topology=None), DEFAULT_MODEL),
+        (cut, NORMAL_DISPLACEMENT_MODEL),
+    ):
         assert classify(other, load_model(name)).label == "normal"
 
 

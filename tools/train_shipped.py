@@ -22,7 +22,12 @@ from modalmotion.classification.answer import classify
 from modalmotion.classification.cases import TrainingCase
 from modalmotion.classification.evaluation import evaluate
 from modalmotion.classification.model import Model
-from modalmotion.classification.model_files import DEFAULT_MODEL, OFFSET_MODEL, RULE, model_to_hdf5
+from modalmotion.classification.model_files import (
+    DEFAULT_MODEL,
+    NORMAL_DISPLACEMENT_MODEL,
+    RULE,
+    model_to_hdf5,
+)
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training import train
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
@@ -115,8 +120,8 @@ RECIPES: Final = {
             {"": (_NO_PATIENT,), MotionClass.REDUCED_TORSION: (_TORSION,)},
         ),
         Recipe(
-            OFFSET_MODEL,
-            replace(_OPTIONS, kind=SignatureKind.OFFSET),
+            NORMAL_DISPLACEMENT_MODEL,
+            replace(_OPTIONS, kind=SignatureKind.NORMAL_DISPLACEMENT),
             180,
             tuple(one for one in MotionClass if one != MotionClass.REDUCED_TORSION),
             {"": (_NO_PATIENT, _SURFACE_ALONE), MotionClass.NORMAL: (_NO_TWIST,)},
@@ -173,7 +178,7 @@ def hearts(
     """
     rng, n = default_rng(seed), -(-n_per_class // len(_NOISES))
     wanted = recipe.classes if classes is None else classes
-    varies = is_varied and recipe.options.kind == SignatureKind.OFFSET
+    varies = is_varied and recipe.options.kind == SignatureKind.NORMAL_DISPLACEMENT
     for k, noise in enumerate(_NOISES):
         spheroids = (
             (case.sequence, case.label)

@@ -6,23 +6,45 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Concatenate, ParamSpec
 
 Progress = Callable[[int, int], None]
-"""Called with the number of items done and of all items."""
+"""Called with the number of items done and of all items, as far as known.
+
+Where stages differ in length, the items are percent of the work.
+"""
 
 ShareReport = Callable[[float], None]
 """Called with the share that is done, 0 to 1."""
 
 
-def silent(_: float) -> None:
+StageReport = Callable[[float, str], None]
+"""Called with the share that is done, 0 to 1, and the name of the current stage."""
+
+P = ParamSpec("P")
+
+
+def silent(*_: object) -> None:
     """Report nothing."""
 
 
-def part_of(report: ShareReport, start: float, stop: float) -> ShareReport:
+def in_percent(progress: Progress | None) -> ShareReport:
+    """Report a share as percent done of 100."""
+    return silent if progress is None else lambda share: progress(round(100 * share), 100)
+
+
+def as_share(report: ShareReport) -> Progress:
+    """Report the number of items done as their share."""
+    return lambda done, total: report(done / max(total, 1))
+
+
+def part_of(
+    report: Callable[Concatenate[float, P], None], start: float, stop: float
+) -> Callable[Concatenate[float, P], None]:
     """Report the share of a part as that of the whole."""
 
-    def inside(share: float) -> None:
-        report(start + (stop - start) * share)
+    def inside(share: float, /, *stage: P.args, **named: P.kwargs) -> None:
+        report(start + (stop - start) * share, *stage, **named)
 
     return inside
 
@@ -48,10 +70,6 @@ def share_fallen(value: float, start: float, end: float) -> float:
     return (math.log(start) - math.log(value)) / (math.log(start) - math.log(end))
 
 
-StageReport = Callable[[float, str], None]
-"""Called with the share that is done, 0 to 1, and the name of the stage that is done now."""
-
-
 class Stopwatch:
     """Adds up the milliseconds that named stages take, and reports which one has begun.
 
@@ -64,16 +82,14 @@ class Stopwatch:
     """
 
     def __init__(
-        self,
-        shares: Mapping[str, float] | None = None,
-        report: StageReport = lambda _share, _name: None,
+        self, shares: Mapping[str, float] | None = None, report: StageReport = silent
     ) -> None:
         self.milliseconds: dict[str, float] = {}
         self._shares = dict(shares or {})
         self._report = report
         self._done = 0.0
         self.of_stage = 0.0
-        """Share that is done of the stage that is done now, where it says so."""
+        """Share of the current stage that is done, if the stage reports it."""
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Callable[[float], None]]:

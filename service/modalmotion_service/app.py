@@ -21,8 +21,8 @@ from modalmotion_service.access.rates import Rates
 from modalmotion_service.document import completed
 from modalmotion_service.errors import NeedsStoreError
 from modalmotion_service.http import middleware, problems
-from modalmotion_service.http.gate import Access, Gate, require_judged
-from modalmotion_service.http.judged_router import BODIES
+from modalmotion_service.http.gate import Access, Gate, require_gate
+from modalmotion_service.http.gated_router import BODIES
 from modalmotion_service.monitoring.metrics import Metrics, StateOfThings
 from modalmotion_service.monitoring.observation import Observation, Telemetry
 from modalmotion_service.routes import (
@@ -67,7 +67,7 @@ async def _forget(log: AuditLog, settings: Settings) -> None:
         await for_ever("audit", partial(asyncio.to_thread, log.forget_before, days), 3600.0)
 
 
-def judged_routes() -> list[APIRoute]:
+def gated_routes() -> list[APIRoute]:
     """Give all routes, made once for all applications of a process."""
     routers = [
         *(sequences.router, signatures.router, uploads.router, recordings.router),
@@ -146,7 +146,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         servers=[{"url": chosen.path_prefix}] if chosen.path_prefix else None,
         # Of routes that are added to this one.
-        dependencies=[Depends(require_judged)],
+        dependencies=[Depends(require_gate)],
         lifespan=lifespan,
     )
     problems.install(app)
@@ -176,7 +176,7 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
         )
     if chosen.path_prefix:
         app.add_middleware(middleware.Prefix, prefix=chosen.path_prefix)
-    routes = judged_routes()
+    routes = gated_routes()
     app.router.routes.extend(stateless_routes(routes) if chosen.stateless else routes)
     return app
 
@@ -212,7 +212,7 @@ def stateless_routes(routes: Iterable[APIRoute]) -> list[APIRoute]:
             response_model=None,
             methods=route.methods,
             include_in_schema=False,
-            dependencies=[Depends(require_judged)],
+            dependencies=[Depends(require_gate)],
         )
         for route in routes
     ]

@@ -23,18 +23,18 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="MODALMOTION_", frozen=True)
 
     data_dir: Path = Path("modalmotion-data")
-    """Folder that results are in."""
+    """Folder of the results."""
     keep_uploads: bool = True
     """Whether uploaded vertices are stored."""
     log_level: Literal["debug", "info", "warning", "error"] = "info"
-    """Least level that is logged; requests are logged as info."""
+    """Lowest level that is logged; requests are logged as info."""
     telemetry: bool = False
     """Whether traces are sent, without any id, to the collector that OTEL_EXPORTER_OTLP_ENDPOINT
     names."""
     reserve_bytes: int = Field(100_000_000, ge=0)
     """Uploads are refused while less is free on the disk."""
     max_owner_bytes: int = Field(0, ge=0)
-    """Bytes that one owner's store may hold; more is answered 507. 0: all there is."""
+    """Largest size of one owner's store in bytes; more is answered 507. 0: no limit."""
     workers: int = Field(default_factory=lambda: os.cpu_count() or 1, ge=1, le=256)
     """Processes; one more does short work alone."""
     engine: str = "processes"
@@ -59,7 +59,7 @@ class Settings(BaseSettings):
     """Addresses and networks, separated by commas, of proxies whose X-Forwarded-For and
     X-Forwarded-Proto are believed."""
     path_prefix: str = Field("", pattern=r"^(/[A-Za-z0-9._~-]+)*$")
-    """Path, such as /motion, that a proxy has the service under."""
+    """Path, such as /motion, under which a proxy serves the service."""
     cors_origins: tuple[str, ...] = ()
     """Origins whose pages may call the service with a key, as JSON such as
     ["https://viewer.example"]."""

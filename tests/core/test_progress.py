@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from modalmotion.progress import part_of, share_fallen
+from modalmotion.progress import as_share, in_percent, part_of, share_fallen
 
 
 def test_a_part_is_told_as_its_share_of_the_whole() -> None:
@@ -15,6 +15,16 @@ def test_a_part_is_told_as_its_share_of_the_whole() -> None:
     for share in (0.0, 0.5, 1.0):
         inside(share)
     assert told == [0.5, 0.625, 0.75]
+
+
+def test_items_are_reported_as_a_share_and_a_share_as_percent() -> None:
+    steps: list[tuple[int, int]] = []
+    second_half = as_share(part_of(in_percent(lambda *step: steps.append(step)), 0.5, 1.0))
+    for done in range(3):
+        second_half(done, 2)
+    as_share(in_percent(lambda *step: steps.append(step)))(0, 0)
+    assert steps == [(50, 100), (75, 100), (100, 100), (0, 100)]
+    in_percent(None)(0.5)
 
 
 def test_what_falls_by_equal_powers_goes_on_by_equal_shares() -> None:

@@ -384,18 +384,18 @@ TRIED = (
     ),
     Try(
         "Ask by modes or tolerance, or for the kind material",
-        lambda: fitted(kind=SignatureKind.OFFSET, auto=True),
+        lambda: fitted(kind=SignatureKind.NORMAL_DISPLACEMENT, auto=True),
         (
-            lambda _: fitted(kind=SignatureKind.OFFSET, modes=7),
-            lambda _: fitted(kind=SignatureKind.OFFSET, tolerance=5.0),
+            lambda _: fitted(kind=SignatureKind.NORMAL_DISPLACEMENT, modes=7),
+            lambda _: fitted(kind=SignatureKind.NORMAL_DISPLACEMENT, tolerance=5.0),
             lambda _: fitted(kind=SignatureKind.MATERIAL, auto=True),
         ),
     ),
     Try(
         "Leave the components out, or ask for the kind material",
-        lambda: fitted(kind=SignatureKind.OFFSET, components=Components.CYLINDRICAL),
+        lambda: fitted(kind=SignatureKind.NORMAL_DISPLACEMENT, components=Components.CYLINDRICAL),
         (
-            lambda _: fitted(kind=SignatureKind.OFFSET),
+            lambda _: fitted(kind=SignatureKind.NORMAL_DISPLACEMENT),
             lambda _: fitted(kind=SignatureKind.MATERIAL, components=Components.CYLINDRICAL),
         ),
     ),

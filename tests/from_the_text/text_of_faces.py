@@ -8,21 +8,21 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from text_of_numbers import Answers, Coded
+from text_of_numbers import Coded, Mixer
 
 
 def walk(data: bytes, M: int, N: int) -> list[list[int]]:
     """Section 10, kind 0."""
-    answers = Answers(Coded(data[2:]))
-    triangles, n_met = walk_triangles(answers, M)
-    node_of = order_of_vertices(answers, triangles, N, data[1])
+    mixer = Mixer(Coded(data[2:]))
+    triangles, n_met = walk_triangles(mixer, M)
+    node_of = order_of_vertices(mixer, triangles, N, data[1])
     vertex_of = {node: vertex for vertex, node in enumerate(node_of)}
     assert sorted(vertex_of) == list(range(N))
     assert n_met <= N
     return [[vertex_of[node] for node in face] for face in triangles]
 
 
-def walk_triangles(answers: Answers, M: int) -> tuple[list[list[int]], int]:
+def walk_triangles(mixer: Mixer, M: int) -> tuple[list[list[int]], int]:
     used, pivots, n_met = list[int](), deque[int](), 0
     ahead: dict[int, list[int]] = defaultdict(list)
     behind: dict[int, list[int]] = defaultdict(list)
@@ -64,7 +64,7 @@ def walk_triangles(answers: Answers, M: int) -> tuple[list[list[int]], int]:
         )
         kind = 3
         for asked in ((1, 2, 0), (1, 0, 2), (0, 2, 1))[corner]:
-            if asked in named and answers.ask((corner, asked), *contexts):
+            if asked in named and mixer.bit((corner, asked), *contexts):
                 kind = asked
                 break
         if kind == 2 and not corner:
@@ -72,7 +72,7 @@ def walk_triangles(answers: Answers, M: int) -> tuple[list[list[int]], int]:
             drop()
             codes = (*codes[1:], 64)
             continue
-        v = used[-1 - answers.number("older", corner)] if kind == 3 else named[kind]
+        v = used[-1 - mixer.number("older", corner)] if kind == 3 else named[kind]
         if kind == 0:
             n_met += 1
             pivots.append(v)
@@ -123,7 +123,7 @@ def rings_of(triangles: list[list[int]], N: int) -> list[list[int]]:
 
 
 def order_of_vertices(
-    answers: Answers, triangles: list[list[int]], N: int, n_relations: int
+    mixer: Mixer, triangles: list[list[int]], N: int, n_relations: int
 ) -> list[int]:
     rings = rings_of(triangles, N)
 
@@ -179,7 +179,7 @@ def order_of_vertices(
         return round(1024 * math.log(right + wrong)) - round(1024 * math.log(wrong))
 
     while len(node_of) < N:
-        if lone and answers.ask("lone", 0):
+        if lone and mixer.bit("lone", 0):
             vertex[lone[0]] = len(node_of)
             node_of.append(lone.pop(0))
             relations.append([])
@@ -210,7 +210,7 @@ def order_of_vertices(
         for place, v in enumerate(order):
             B = max(proposals[v], key=trust)
             S, d = min(15, 3 * strength[v] // 1024), distance[v]
-            if answers.ask(
+            if mixer.bit(
                 ("here", min(place, 3)),
                 B,
                 (place, len(proposals[v]), S),
@@ -223,17 +223,17 @@ def order_of_vertices(
         outcome = outcome_now
         if node < 0:
             d = 1
-            while d < 6 and not answers.ask("distance", (d, D[-1]), (d, D[-1], D[-2]), (d, D[-4])):
+            while d < 6 and not mixer.bit("distance", (d, D[-1]), (d, D[-1], D[-2]), (d, D[-4])):
                 d += 1
             free = [v for v in range(N) if rings[v] and v not in vertex]
-            if not answers.ask("far", 0):
+            if not mixer.bit("far", 0):
                 near = [v for v in around(p, o, 400) if v in free and distance[v] == d]
-                node = [v for v in near if v not in order][answers.number("rank", d)]
+                node = [v for v in near if v not in order][mixer.number("rank", d)]
             elif N <= 65536:
                 alike = [v for v in free if distance[v] == d]
-                node = alike[answers.coded.bits(len(alike).bit_length())]
+                node = alike[mixer.coded.bits(len(alike).bit_length())]
             else:
-                node = answers.coded.bits(N.bit_length())
+                node = mixer.coded.bits(N.bit_length())
         for v, sources in proposals.items():
             for source in sources:
                 pair = counts[source]

@@ -191,7 +191,7 @@ def matrix(coded: Coded, R: int, C: int) -> Array:
     return q
 
 
-class Answers:
+class Mixer:
     """Section 8."""
 
     def __init__(self, coded: Coded) -> None:
@@ -199,9 +199,9 @@ class Answers:
         self.counts: dict[Any, list[int]] = defaultdict(lambda: [0, 0])
         self.weights: dict[Any, list[int]] = {}
 
-    def ask(self, question: Any, *contexts: Any) -> bool:
-        keys = [(question, place, context) for place, context in enumerate(contexts)]
-        weights = self.weights.setdefault(question, [22938] * len(keys))
+    def bit(self, kind: Any, *contexts: Any) -> bool:
+        keys = [(kind, place, context) for place, context in enumerate(contexts)]
+        weights = self.weights.setdefault(kind, [22938] * len(keys))
 
         def log(n: int) -> int:
             return round(256 * math.log(n + 0.4))
@@ -209,21 +209,21 @@ class Answers:
         x = [log(self.counts[key][1]) - log(self.counts[key][0]) for key in keys]
         d = sum(w * v for w, v in zip(weights, x, strict=True)) >> 16
         chance = round(65536 / (1 + math.exp(-max(-2047, min(2047, d)) / 256)))
-        yes = self.coded.symbol([65536 - chance, chance]) == 1
-        e = 3 * ((65536 if yes else 0) - chance)
+        one = self.coded.symbol([65536 - chance, chance]) == 1
+        e = 3 * ((65536 if one else 0) - chance)
         for place, key in enumerate(keys):
             weights[place] += (x[place] * e) >> 16
             pair = self.counts[key]
-            pair[yes] += 1
-            if pair[not yes] > 2:
-                pair[not yes] = (pair[not yes] + 2) // 2
+            pair[one] += 1
+            if pair[not one] > 2:
+                pair[not one] = (pair[not one] + 2) // 2
             if sum(pair) > 250:
                 pair[:] = [pair[0] // 2, pair[1] // 2]
-        return yes
+        return one
 
-    def number(self, question: Any, *contexts: Any) -> int:
+    def number(self, kind: Any, *contexts: Any) -> int:
         n = 0
-        while self.ask(question, *((c, n) for c in contexts)):
+        while self.bit(kind, *((c, n) for c in contexts)):
             n += 1
         return (1 << n) - 1 + self.coded.bits(n)
 
@@ -239,7 +239,7 @@ def mixed_matrix(coded: Coded, R: int, C: int) -> Array:
         return q
     ends = band_ends(C)
     extents = np.maximum(len(ends) - np.cumsum(number_list(coded, R)), 0)
-    answers = Answers(coded)
+    mixer = Mixer(coded)
     m = np.zeros((R + 6, C + 80), dtype=np.int64)
 
     def z(v: int) -> int:
@@ -269,10 +269,10 @@ def mixed_matrix(coded: Coded, R: int, C: int) -> Array:
                 (z(S(1, 6) + S(2, 6) + S(3, 6)), z(up[6])),
             )
             a = 0
-            while a < 14 and answers.ask(("more than", a), *contexts):
+            while a < 14 and mixer.bit(("more than", a), *contexts):
                 a += 1
             if a == 14:
-                a += answers.number("larger", 0, first)
+                a += mixer.number("larger", 0, first)
             q[r, c] = a
             m[y, x] = min(a, 1023)
     for place in zip(*np.nonzero(q), strict=True):

@@ -38,7 +38,7 @@ SOAK = int(os.environ.get("SOAK", "1"))
 
 
 def route_of(name: str, number: int) -> str:
-    """Most to the plain upload; every third to another door."""
+    """Most to the plain upload; every third to another route."""
     if name == "stream":
         return "/v1/decode"
     if name in IMAGES:
@@ -59,7 +59,7 @@ def send_mutants(folder: Path, n_each: int, files: Mapping[str, bytes]) -> int:
     n_sent = 0
     with TestClient(create_app(settings), raise_server_exceptions=False) as client:
         for place, (name, data) in enumerate(files.items()):
-            # Other numbers for each, so that few of each go to every door.
+            # Other numbers for each, so that few of each go to every route.
             for number in range(place * n_each, (place + 1) * n_each):
                 route, content = route_of(name, number), mutant(name, data, number)
                 # Every fifth as a form, whose end may stand in the file itself.

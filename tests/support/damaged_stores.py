@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from guest_table import visit
+from service_table import visit
 from store_samples import (
     KEY,
     put_classification,
@@ -21,7 +21,7 @@ N = 4
 
 
 def four_kept(folder: Path) -> Path:
-    """A store with four sequences, their signatures and classifications, and a guest's table."""
+    """A store with four sequences, their signatures and classes, and a table of the service."""
     with ResultStore(folder) as store:
         for number in range(N):
             sequence = sample_sequence(number)

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from guest_table import visit
+from service_table import visit
 from store_samples import (
     KEY,
     put_classification,

@@ -17,7 +17,16 @@ from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.signature.parameters import SignatureKind, SignatureParameters
 from modalmotion.template.body_frame import Components
 
-VIEWED: Final = ("cup", "cylinder", "sphere", "plane", "torus", "mesh", "local", "offset")
+VIEWED: Final = (
+    "cup",
+    "cylinder",
+    "sphere",
+    "plane",
+    "torus",
+    "mesh",
+    "local",
+    "normal displacement",
+)
 _TOPOLOGIES: Final = {t.name: t for t in (CUP, CYLINDER, SPHERE, PLANE, TORUS)}
 
 
@@ -47,7 +56,7 @@ def viewed(name: str) -> tuple[MeshSequence, ModalSignature]:
     kinds: dict[str, dict[str, Any]] = {
         "mesh": {"topology": "mesh"},
         "local": {"components": Components.CYLINDRICAL},
-        "offset": {"kind": SignatureKind.OFFSET},
+        "normal displacement": {"kind": SignatureKind.NORMAL_DISPLACEMENT},
     }
     kind = kinds.get(name, {})
     return sequence, modal_signature(sequence, SignatureParameters(modes=9, **kind))

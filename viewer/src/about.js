@@ -7,7 +7,7 @@ const CAVITIES = [
   ["unknown", "not stated"], ["lv", "left ventricle"], ["rv", "right ventricle"], ["la", "left atrium"], ["ra", "right atrium"],
   ["other", "another cavity"], ["none", "no cavity"],
 ];
-const FOLLOWS = [["unknown", "not stated"], ["material", "the tissue"], ["offset", "the shape only"]];
+const FOLLOWS = [["unknown", "not stated"], ["material", "the tissue"], ["normal_displacement", "the shape only"]];
 const SYSTEMS = [["unknown", "not stated"], ["LPS", "LPS (DICOM)"], ["RAS", "RAS (NIfTI)"]];
 export const LANDMARKS = [["anterior", "Anterior wall"], ["apex", "Apex"], ["base", "Base"], ["theta_zero", "Zero of theta"]];
 

@@ -77,13 +77,13 @@ def checked(value: Any, package: str) -> Any:
     function = value
 
     @functools.wraps(function)
-    def door(*args: Any, **kwargs: Any) -> Any:
+    def wrapper(*args: Any, **kwargs: Any) -> Any:
         bound = _bound(function, args, kwargs)
         return function(*bound.args, **bound.kwargs)
 
     # It is pickled by its name here.
-    door.__module__, door.__qualname__ = package, function.__name__
-    return door
+    wrapper.__module__, wrapper.__qualname__ = package, function.__name__
+    return wrapper
 
 
 @functools.cache

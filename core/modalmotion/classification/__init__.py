@@ -17,7 +17,7 @@ from modalmotion.classification.markdown import card_markdown
 from modalmotion.classification.model import Model
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
-    OFFSET_MODEL,
+    NORMAL_DISPLACEMENT_MODEL,
     available_models,
     load_model,
     model_from_hdf5,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DEFAULT_MODEL",
     "FLAGS",
-    "OFFSET_MODEL",
+    "NORMAL_DISPLACEMENT_MODEL",
     "CaseFile",
     "Classification",
     "Comparison",

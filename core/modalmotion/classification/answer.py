@@ -6,30 +6,41 @@ import math
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
-from modalmotion.classification.model import Model, Readable
+from modalmotion.classification.cases import named
+from modalmotion.classification.model import Model, Readable, holds
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
-    OFFSET_MODEL,
+    NORMAL_DISPLACEMENT_MODEL,
     load_model,
     shipped_for,
 )
 from modalmotion.classification.motion import Column, Motion
 from modalmotion.classification.motion_features import volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
-from modalmotion.errors import ModeCountError, ParameterError, TopologyError
+from modalmotion.errors import (
+    ModalMotionError,
+    ModeCountError,
+    ParameterError,
+    TopologyError,
+    UnlikeCasesError,
+)
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
-from modalmotion.mesh.spring_modes import Modes, common_count
+from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
-from modalmotion.signature.making import ModalSignature, modal_signature, provenance
+from modalmotion.signature.making import (
+    ModalSignature,
+    SignatureKind,
+    modal_signature,
+    provenance,
+)
 from modalmotion.signature.value import first_modes
 
 # Level at which a case that is in no set is like no class.
@@ -195,7 +206,7 @@ def classify(
     probabilities = probabilities / probabilities.sum()
     label = model.classes[int(probabilities.argmax())]
     held, strict = (
-        model.holds(probabilities[None], level)[0] & (probabilities > 0.0)
+        holds(model.strangeness, probabilities[None], level)[0] & (probabilities > 0.0)
         for level in (coverage, max(coverage, _STRICT))
     )
     if not strict.any():
@@ -256,6 +267,31 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
     return signature
 
 
+def signature_in(
+    readable: Readable, motion: MeshSequence | ModalSignature, name: str
+) -> ModalSignature:
+    """Fit a sequence in modes that are known, or check that a signature is in them.
+
+    Raises
+    ------
+    UnlikeCasesError
+        If it does not compare.
+    ModalMotionError
+        If it cannot be fitted. Errors call it by its name.
+    """
+    try:
+        signature = fitted_in(readable, motion) if isinstance(motion, MeshSequence) else motion
+        if (reason := unlike(signature, readable)) is not None:
+            raise UnlikeCasesError(
+                f"It does not compare with the others: {reason.words}.",
+                remedy="Give the sequence itself, which is then fitted as the others were.",
+                details={"sequence_id": signature.sequence_id},
+            )
+    except ModalMotionError as error:
+        raise named(error, name) from error
+    return signature
+
+
 def unlike(signature: ModalSignature, readable: Readable) -> Flag | None:
     """Give the reason why a signature is not readable; None if it is."""
     own, required, modes = signature.parameters, readable.parameters, signature.modes
@@ -307,7 +343,7 @@ def _unreadable(signature: ModalSignature, model: Model) -> Flag | None:
     """Flag and reason why the signature cannot be read by the model at all."""
     reason = unlike(signature, model.readable)
     if reason is not None:
-        if model.name == OFFSET_MODEL and signature.kind != model.signature_parameters.kind:
+        if model.name == NORMAL_DISPLACEMENT_MODEL and signature.kind == SignatureKind.MATERIAL:
             text = ", or state tracking=material if its points follow the tissue"
             reason = reason._replace(words=reason.words + text)
         return reason
@@ -329,7 +365,7 @@ def _unreadable(signature: ModalSignature, model: Model) -> Flag | None:
 def _notes(signature: ModalSignature, model: Model) -> list[str]:
     """Note what a user should know of the recording."""
     notes = []
-    if model.name == OFFSET_MODEL and signature.facts.tracking == UNKNOWN:
+    if model.name == NORMAL_DISPLACEMENT_MODEL and signature.facts.tracking == UNKNOWN:
         notes.append(_TRACKING_NOTE)
     share = signature.deviation_share
     if share:
@@ -397,28 +433,18 @@ def _explanation(
     parts = [
         ModeContribution(
             modes=tuple(str(motion.modes.labels[k]) for k in group),
-            score=float(lead[list(places)].sum()),
+            score=float(lead[places].sum()),
             amplitude=math.sqrt(sum(squares[k] for k in group)),
             unit=signature.unit,
         )
-        for group, places in _groups(model.columns, motion.modes)
+        for group in waves_of(motion.modes, walls=False).modes
+        if (places := [k for k, column in enumerate(model.columns) if _is_of(column, group)])
     ]
     return tuple(sorted(parts, key=lambda part: -abs(part.score)))
 
 
-@lru_cache(maxsize=32)
-def _groups(
-    columns: tuple[Column, ...], modes: Modes
-) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
-    """Modes, cosine and sine of one wave together, and the features that are read from them."""
-    read = [
-        (group, tuple(k for k, column in enumerate(columns) if _is_of(column, group)))
-        for group in waves_of(modes, walls=False).modes
-    ]
-    return tuple((group, places) for group, places in read if places)
-
-
 def _is_of(column: Column, group: tuple[int, ...]) -> bool:
+    """Whether a feature is read of modes of one wave, cosine and sine together, alone."""
     return bool(column.modes) and set(column.modes) <= set(group)
 
 

@@ -60,8 +60,9 @@ class TrainingCase:
     sequence: Callable[[], MeshSequence | None] | None = None
 
     def __post_init__(self) -> None:
-        if self.covariates:
-            object.__setattr__(self, "motion", with_covariates(self.motion, self.covariates))
+        facts = Facts(covariates=self.covariates).over(self.motion.facts)
+        if facts != self.motion.facts:
+            object.__setattr__(self, "motion", replace(self.motion, facts=facts))
         object.__setattr__(self, "covariates", self.motion.facts.covariates)
 
     @property
@@ -80,11 +81,7 @@ class TrainingCase:
             If it is a sequence, which must be fitted first.
         """
         if isinstance(self.motion, MeshSequence):
-            raise ParameterError(
-                f"The case {self.name or self.sequence_id[:12]} is a sequence and has no "
-                "signature yet.",
-                remedy="Fit it with `fitted`.",
-            )
+            raise ParameterError("A sequence has no signature yet.", remedy="Fit it with `fitted`.")
         return self.motion
 
     def read_sequence(self) -> MeshSequence | None:
@@ -110,14 +107,12 @@ class TrainingCase:
         """
         if not isinstance(self.motion, MeshSequence):
             return self
-        tried = parameters, *(replace(parameters, modes=n) for n in fewer)
-        for one in tried:
-            try:
-                return replace(self, motion=modal_signature(self.motion, one))
-            except ModalMotionError as error:
-                if one is tried[-1] or not isinstance(error, ModeCountError):
-                    raise named(error, self.name) from error
-        raise AssertionError
+        try:
+            return replace(self, motion=modal_signature(self.motion, parameters))
+        except ModalMotionError as error:
+            if fewer and isinstance(error, ModeCountError):
+                return self.fitted(replace(parameters, modes=fewer[0]), fewer[1:])
+            raise named(error, self.name) from error
 
 
 @shown()
@@ -213,20 +208,6 @@ def named(error: ModalMotionError, name: str, **details: object) -> ModalMotionE
         copied.args = (copied.message, *error.args[1:])
     copied.details = {**error.details, **details}
     return copied
-
-
-def with_covariates(
-    motion: MeshSequence | ModalSignature, covariates: Mapping[str, float | str]
-) -> MeshSequence | ModalSignature:
-    """State covariates of a sequence or a signature, over those that it has.
-
-    Raises
-    ------
-    ParameterError
-        If one is neither a finite number nor a short word.
-    """
-    facts = Facts(covariates=covariates).over(motion.facts)
-    return motion if facts == motion.facts else replace(motion, facts=facts)
 
 
 class LeftOut(NamedTuple):

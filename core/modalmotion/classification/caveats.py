@@ -56,7 +56,7 @@ def cohort_notes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> tuple[
 def _spelling(rows: Sequence[TrainingCase]) -> Iterator[str]:
     spelt: dict[str, list[str]] = {}
     for label, _ in Counter(row.label for row in rows).most_common():
-        spelt.setdefault(_plain(label), []).append(label)
+        spelt.setdefault(" ".join(label.casefold().split()), []).append(label)
     for usual, *others in spelt.values():
         for label in others:
             cases = _named([_name(row) for row in rows if row.label == label])
@@ -64,10 +64,6 @@ def _spelling(rows: Sequence[TrainingCase]) -> Iterator[str]:
                 f"The class {label[:80]!r} differs from {usual[:80]!r} in case or blanks alone: "
                 f"{cases}. If they are the same, spell them alike."
             )
-
-
-def _plain(label: str) -> str:
-    return " ".join(label.casefold().split())
 
 
 def _sizes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> Iterator[str]:

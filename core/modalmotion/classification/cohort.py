@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -29,6 +29,7 @@ from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesErro
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes.topology import MESH
+from modalmotion.progress import Progress
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes
 from modalmotion.template import GivenLandmarks
@@ -40,7 +41,6 @@ _IN_ONE_PIECE: Final = 16
 # Cases that an error names.
 _MOST_NAMED: Final = 3
 
-Progress = Callable[[int], None]
 Conditions = Mapping[str, float | str]
 Groups = NDArray[np.int64]
 
@@ -96,14 +96,12 @@ class Cohort:
     @property
     def basis(self) -> str:
         """Its modes and their kind, in words."""
-        kind = self.readable.parameters.kind
-        what = "normal displacement" if kind == SignatureKind.OFFSET else str(kind)
-        return f"{what}, {self.readable.topology}"
+        return f"{self.readable.parameters.kind.replace('_', ' ')}, {self.readable.topology}"
 
 
 def collect_cohorts(
     cases: Iterable[AnyCase],
-    offsets: Iterable[AnyCase] | None,
+    normal_displacements: Iterable[AnyCase] | None,
     options: TrainingOptions,
     progress: Progress | None = None,
 ) -> tuple[Cohort, ...]:
@@ -117,12 +115,12 @@ def collect_cohorts(
     ----------
     cases : iterable of TrainingCase or CaseSource
         Sequences are fitted; signatures are taken as they are.
-    offsets : iterable of TrainingCase or CaseSource, or None
-        The same cases with their signatures of the kind offset, where `cases` are signatures.
+    normal_displacements : iterable of TrainingCase or CaseSource, or None
+        The same cases with their signatures of normal displacements, where `cases` are signatures.
     options : TrainingOptions
         A topology and a kind that they state are the only ones.
     progress : callable, optional
-        Called with the number of readings that are done.
+        Called with the number of cases read, in each basis anew, and of all as far as known.
 
     Raises
     ------
@@ -145,18 +143,18 @@ def collect_cohorts(
 
     cohorts = in_each(cohort, first)
     trackings = {str(motion.signature.facts.tracking) for motion in cohorts[0].motions}
-    others = cohort if offsets is None else offsets
-    is_fitted = offsets is not None or any(
+    others = cohort if normal_displacements is None else normal_displacements
+    is_fitted = normal_displacements is not None or any(
         not isinstance(getattr(case, "motion", None), ModalSignature) for case in others
     )
     if options.kind is not None or trackings == {"material"} or not is_fitted:
         return tuple(cohorts)
     try:
-        second = in_each(others, replace(first, kind=SignatureKind.OFFSET))
+        second = in_each(others, replace(first, kind=SignatureKind.NORMAL_DISPLACEMENT))
     except ModalMotionError:
         return tuple(cohorts)
-    second = [one for one in second if one.readable.parameters.kind == SignatureKind.OFFSET]
-    if second and trackings == {"offset"}:
+    second = [one for one in second if one.readable.parameters.kind != SignatureKind.MATERIAL]
+    if second and trackings == {"normal_displacement"}:
         return tuple(second)
     same = [one for one in second if np.array_equal(one.numbers, cohorts[0].numbers)]
     return (*cohorts, *same)
@@ -255,7 +253,7 @@ def alike(
     leaves_out : bool
         Whether to go on without cases that cannot be used, in the basis of most.
     progress : callable, optional
-        Called with the number of readings that are done.
+        Called with the number of cases read, in each basis anew, and of all as far as known.
 
     Raises
     ------
@@ -316,7 +314,7 @@ def _read(
     """Read cases wherever joblib works, in their order."""
     from joblib import Parallel, delayed
 
-    numbered = enumerate(cases)
+    numbered, n_cases = enumerate(cases), len(cases) if isinstance(cases, Sized) else 0
     pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
     works = (delayed(_read_piece)(piece, parameters, fewer, leaves_out) for piece in pieces)
     results = Parallel(return_as="generator", batch_size=1)(works)
@@ -328,7 +326,7 @@ def _read(
         else:
             kept[number] = case
         if progress is not None:
-            progress(number + 1)
+            progress(number + 1, max(n_cases, number + 1))
     return Alike(tuple(kept.values()), tuple(kept), tuple(left_out))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence, Sized
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -24,6 +24,7 @@ from modalmotion.classification.performance import (
 )
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.progress import Progress, as_share, in_percent, part_of
 from modalmotion.representation import counted, csv_text, shown
 
 
@@ -151,7 +152,7 @@ def evaluate(
     model: Model,
     cases: Iterable[AnyCase],
     coverage: float = 0.9,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
     left_out: list[LeftOut] | None = None,
 ) -> Evaluation:
     """Test a model.
@@ -164,7 +165,7 @@ def evaluate(
     coverage : float
         Level of the class sets.
     progress : callable, optional
-        Called with the number of cases that are done, as a float, and a text.
+        Called with the number of cases that are done, and of all as far as known.
     left_out : list of LeftOut, optional
         Cases that cannot be used are added to it; else one of them ends the test.
 
@@ -178,6 +179,7 @@ def evaluate(
         If there is no case, or one has a class that the model does not know.
     """
     answers, n_trained = [], 0
+    n_cases = len(cases) if isinstance(cases, Sized) else 0
     for number, source in enumerate(cases):
         called = source.name or f"case {number}"
         try:
@@ -194,10 +196,10 @@ def evaluate(
             if left_out is None:
                 raise
             left_out.append(LeftOut.of(error, called))
-            continue
-        n_trained += _is_known(case, model)
+        else:
+            n_trained += _is_known(case, model)
         if progress is not None:
-            progress(float(number + 1), "classified")
+            progress(number + 1, max(n_cases, number + 1))
     return evaluation_of(model, answers, coverage, n_trained)
 
 
@@ -353,7 +355,7 @@ def compare_models(
     second: Model,
     cases: Iterable[AnyCase],
     coverage: float = 0.9,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
     left_out: list[LeftOut] | None = None,
 ) -> Comparison:
     """Test two models on the same cases.
@@ -369,7 +371,7 @@ def compare_models(
     coverage : float
         Level of the class sets.
     progress : callable, optional
-        Called with the number of cases that are done, as a float, and a text.
+        Called with the percentage that is done, and 100.
     left_out : list of LeftOut, optional
         Cases that cannot be used are added to it; else one of them ends the comparison.
 
@@ -383,9 +385,11 @@ def compare_models(
         As `evaluate` says.
     """
     listed = list(cases)
-    of_first = evaluate(first, listed, coverage, progress, left_out)
+    report = in_percent(progress)
+    halves = as_share(part_of(report, 0.0, 0.5)), as_share(part_of(report, 0.5, 1.0))
+    of_first = evaluate(first, listed, coverage, halves[0], left_out)
     again = None if left_out is None else list(left_out)
-    return comparison_of(of_first, evaluate(second, listed, coverage, progress, again))
+    return comparison_of(of_first, evaluate(second, listed, coverage, halves[1], again))
 
 
 def comparison_of(first: Evaluation, second: Evaluation) -> Comparison:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,6 +13,7 @@ from modalmotion.classification.cases import AnyCase, LeftOut, TrainingCase
 from modalmotion.classification.cohort import alike
 from modalmotion.classification.options import OnError
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress
 from modalmotion.representation import csv_text, shown
 from modalmotion.signature.making import ModalSignature
 
@@ -95,7 +96,7 @@ def feature_table(
     features: SignatureFeatures | None = None,
     *,
     on_error: OnError | str = OnError.RAISE,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
 ) -> FeatureTable:
     """Read the features of a cohort.
 
@@ -108,7 +109,7 @@ def feature_table(
     on_error : OnError
         "leave out" goes on without the cases that cannot be read or fitted or do not compare.
     progress : callable, optional
-        Called with the number of cases that have been read.
+        Called with the number of cases read, and of all.
 
     Raises
     ------

@@ -215,8 +215,7 @@ def split_cases(cohort: Cohort, options: TrainingOptions, cv: Folds | None = Non
         If the user's own folds cannot be used, or no folds by group leave two classes to fit to.
     """
     if cv is not None:
-        own = _own_folds(cv, cohort)
-        return Splits([own], not _torn(own, cohort.groups), _notes_on_own(own, cohort))
+        return _own_folds(cv, cohort)
     drawn = [_drawn(cohort, options, number) for number in range(options.repetitions)]
     # Folds that the seed does not change say nothing new.
     repetitions = {_held_out(folds): folds for folds, _, _ in drawn if folds}
@@ -281,7 +280,7 @@ def _held_out(folds: Sequence[Fold]) -> frozenset[tuple[int, ...]]:
     return frozenset(tuple(outer.tolist()) for _, outer in folds)
 
 
-def _own_folds(cv: Folds, cohort: Cohort) -> list[Fold]:
+def _own_folds(cv: Folds, cohort: Cohort) -> Splits:
     """Take the user's own folds of the cases that count; those left out or repeated are missing."""
     numbers, n = np.asarray(cv), cohort.n_given
     if numbers.shape != (n,):
@@ -296,16 +295,8 @@ def _own_folds(cv: Folds, cohort: Cohort) -> list[Fold]:
             "'cv' leaves fewer than two classes to fit to in one fold.",
             remedy="Spread the cases of each class over the folds.",
         )
-    return folds
-
-
-def _torn(folds: Sequence[Fold], groups: Rows) -> set[int]:
-    """Give the groups on both sides of a split."""
-    return {g for inner, outer in folds for g in np.intersect1d(groups[inner], groups[outer])}
-
-
-def _notes_on_own(folds: Sequence[Fold], cohort: Cohort) -> list[str]:
-    notes, torn = ["The folds are the user's own."], _torn(folds, cohort.groups)
+    notes, groups = ["The folds are the user's own."], cohort.groups
+    torn = {g for inner, outer in folds for g in np.intersect1d(groups[inner], groups[outer])}
     if torn:
         notes.append(
             f"Subjects or groups on both sides of a split: {len(torn)}. Cross-validation is too "
@@ -316,4 +307,4 @@ def _notes_on_own(folds: Sequence[Fold], cohort: Cohort) -> list[str]:
         if len(unseen):
             names = ", ".join(cohort.classes[c] for c in unseen)
             notes.append(f"Fold {k + 1} had no case of {names} to fit to.")
-    return notes
+    return Splits([folds], not torn, notes)

@@ -116,19 +116,9 @@ def inner_folds(y: Labels, groups: Labels) -> Iterator[tuple[Labels, Labels]]:
             yield np.flatnonzero(fold != k), np.flatnonzero(fold == k)
 
 
-def softmax(scores: Array) -> Array:
-    """Shares exp(s) / sum exp(s) along the last axis."""
-    return np.asarray(scipy.special.softmax(scores, axis=-1))
-
-
-def log_softmax(scores: Array) -> Array:
-    """Give the logs of `softmax`, without overflow."""
-    return np.asarray(scipy.special.log_softmax(scores, axis=-1))
-
-
 def log_losses(scores: Array, y: Labels) -> Array:
     """-log p(y) of each case, (cases,), nats."""
-    return np.asarray(-log_softmax(scores)[np.arange(len(y)), y])
+    return np.asarray(-scipy.special.log_softmax(scores, axis=1)[np.arange(len(y)), y])
 
 
 def temperature_of(scores: Array, y: Labels) -> float:
@@ -143,7 +133,7 @@ def temperature_of(scores: Array, y: Labels) -> float:
     doubt, every = 1.0 / (len(y) + 2), np.arange(len(y))
 
     def loss(log_sharpness: float) -> float:
-        logs = log_softmax(z * (np.exp(log_sharpness) / spread))
+        logs = scipy.special.log_softmax(z * (np.exp(log_sharpness) / spread), axis=1)
         return -float((1.0 - doubt) * logs[every, y].mean() + doubt * logs.mean())
 
     found = scipy.optimize.minimize_scalar(

@@ -27,8 +27,8 @@ _ALSO: Final = {"file": "path", "class": "label", "patient": "subject"}
 _STATED_SEPARATOR: Final = re.compile(r"sep=(.)\r?\n")
 
 _HOW: Final = (
-    "Give a table with the columns path, label and, if known, subject and facts; or files in "
-    "folders named by their class."
+    "Give a table with the columns path, label and, if known, subject and facts, in UTF-8 (Excel: "
+    "CSV UTF-8); or files in folders named by their class."
 )
 
 
@@ -210,24 +210,11 @@ def _wrong(message: str, line: int) -> MalformedFileError:
 
 def _text_of(manifest: Path) -> str:
     try:
-        text = manifest.read_text(encoding="utf-8-sig")
-    except OSError as error:
+        return manifest.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeError) as error:
         raise MalformedFileError(
-            f"The manifest '{manifest}' cannot be read as text ({error}).", remedy=_HOW
+            f"The manifest '{manifest}' cannot be read as UTF-8 text ({error}).", remedy=_HOW
         ) from error
-    except UnicodeDecodeError as error:
-        raise _not_utf8(manifest, error.start) from error
-    # UTF-16 without a mark at its beginning.
-    if "\0" in text:
-        raise _not_utf8(manifest, text.index("\0"))
-    return text
-
-
-def _not_utf8(manifest: Path, place: int) -> MalformedFileError:
-    return MalformedFileError(
-        f"The manifest '{manifest}' is not UTF-8 text (byte {place}).",
-        remedy="Save the table as UTF-8 (in Excel: CSV UTF-8).",
-    )
 
 
 @dataclass(frozen=True)

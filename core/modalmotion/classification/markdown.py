@@ -10,8 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from modalmotion.classification.card import ModelCard
-from modalmotion.classification.intervals import Interval
-from modalmotion.classification.model_files import DEFAULT_MODEL, OFFSET_MODEL
+from modalmotion.classification.model_files import DEFAULT_MODEL, NORMAL_DISPLACEMENT_MODEL
 
 # Facts for registries, in YAML.
 _HEAD: Final = """---
@@ -80,7 +79,7 @@ def card_markdown(
 
 def _use(name: str, version: int | None, file: str | None) -> list[str]:
     """Show a command that works: with a file, unless the model comes with the package."""
-    if file is None and version is None and name in (DEFAULT_MODEL, OFFSET_MODEL):
+    if file is None and version is None and name in (DEFAULT_MODEL, NORMAL_DISPLACEMENT_MODEL):
         return [f"```sh\nmodalmotion classify beat.npz --model {name}\n```"]
     own = f"{name}.h5" if version is None else f"{name}-{version}.h5"
     # No path may end the block.
@@ -92,26 +91,23 @@ def _use(name: str, version: int | None, file: str | None) -> list[str]:
     return [f"```sh\nmodalmotion classify beat.npz --model {shlex.quote(place)}\n```", words]
 
 
-def _metrics(card: ModelCard) -> list[tuple[str, float, Interval | None]]:
-    """Names of figures, with their values and intervals."""
-    every = [
-        ("Accuracy", card.accuracy, card.accuracy_interval),
-        ("Balanced accuracy", card.balanced_accuracy, None),
-        ("AUC, macro", card.auc, card.auc_interval),
-        ("Log loss", card.log_loss, card.log_loss_interval),
-        ("Brier score", card.brier, card.brier_interval),
-        ("Expected calibration error", card.calibration_error, None),
-    ]
-    return [(name, value, ends) for name, value, ends in every if value is not None]
-
-
 def _evaluation(card: ModelCard) -> list[str]:
     if card.accuracy is None:
         return ["There was no cross-validation: its accuracy is unknown."]
     apart = (
         "No subject was on both sides" if card.is_grouped else "Cases were kept apart, subjects not"
     )
-    rows = [(name, *_figure((value, *(ends or ())))) for name, value, ends in _metrics(card)]
+    every = (
+        ("Accuracy", card.accuracy, card.accuracy_interval),
+        ("Balanced accuracy", card.balanced_accuracy, None),
+        ("AUC, macro", card.auc, card.auc_interval),
+        ("Log loss", card.log_loss, card.log_loss_interval),
+        ("Brier score", card.brier, card.brier_interval),
+        ("Expected calibration error", card.calibration_error, None),
+    )
+    rows = [
+        (name, *_figure((value, *(ends or ())))) for name, value, ends in every if value is not None
+    ]
     by_class = (card.sensitivity, card.specificity, card.class_auc)
     return [
         f"Cross-validation, {max(card.repetitions, 1)} times. {apart}.",

@@ -37,14 +37,8 @@ _FEWEST_OF_RANGE: Final = 20
 
 OF_MODEL: Final = ("weights", "intercepts", "centre", "shares")
 OF_DETECTOR: Final = (
-    "means",
-    "whitening",
-    "points",
-    "scales",
-    "directions",
-    "signs",
-    "limits",
-    "bounds",
+    *("means", "whitening", "points", "scales"),
+    *("directions", "signs", "limits", "bounds"),
 )
 """Arrays that answers depend on."""
 
@@ -98,9 +92,7 @@ class Readable:
                 f"The sequence states the topology {name}, and the model reads a {surface}.",
                 remedy="State the topology if it is wrong, or train a model of this one.",
             )
-        if not is_free:
-            return None
-        return replace(self.parameters, topology=self.topology)
+        return replace(self.parameters, topology=self.topology) if is_free else None
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON-able values."""
@@ -122,7 +114,7 @@ class Readable:
 
         Of normal displacements on cups, which do not depend on where the surface ends.
         """
-        return self.parameters.kind == SignatureKind.OFFSET and self.topology == CUP.name
+        return self.parameters.kind != SignatureKind.MATERIAL and self.topology == CUP.name
 
 
 @shown("name", "classes", "readable.topology", "readable.n_modes", "id")
@@ -175,8 +167,7 @@ class Model(FrozenArrays, Saved, Plotted):
     cross_validation: CrossValidation | None = None
 
     def __post_init__(self) -> None:
-        arrays = (self.weights, self.intercepts, self.centre, self.shares, *self.strangeness)
-        for array in arrays:
+        for array in (self.weights, self.intercepts, self.centre, self.shares, *self.strangeness):
             array.setflags(write=False)
 
     @cached_property
@@ -210,11 +201,6 @@ class Model(FrozenArrays, Saved, Plotted):
         """Whether a cavity must be enclosed."""
         return any(table.what == VOLUME for table in self.tables)
 
-    @property
-    def reads_motion(self) -> bool:
-        """Whether a table reads the motion itself, and not only the volume."""
-        return any(table.reads_motion for table in self.tables)
-
     def features(self, motion: Motion) -> Array:
         """Features of a motion, of all tables, (features,)."""
         return np.concatenate([table.values(motion) for table in self.tables])
@@ -231,28 +217,6 @@ class Model(FrozenArrays, Saved, Plotted):
         """
         low, high = self.shares.T
         return np.asarray((share < low) | (share > high))
-
-    def holds(self, probabilities: Array, coverage: float) -> NDArray[np.bool_]:
-        """Which classes are in the set that holds the true one with the requested frequency.
-
-        Parameters
-        ----------
-        probabilities : (cases, classes) float64
-        coverage : float
-
-        Returns
-        -------
-        (cases, classes) bool
-
-        Notes
-        -----
-        Vovk, Conditional validity of inductive conformal predictors, Machine Learning, 2013
-        (class by class), with the scores of cross-validation, so that no case is lost (Vovk,
-        Cross-conformal predictors, Ann Math Artif Intell, 2015). A class stays unless fewer than a
-        share 1 - coverage of its n held-out cases and the case itself are as strange: (number as
-        strange + 1) / (n + 1) > 1 - coverage.
-        """
-        return holds(self.strangeness, probabilities, coverage)
 
     def too_few(self, coverage: float) -> tuple[str, ...]:
         """Classes with fewer than 1 / (1 - coverage) - 1 cases, which every set must hold."""
@@ -273,7 +237,27 @@ def strangeness_of(probabilities: Array, y: NDArray[np.int64]) -> tuple[Array, .
 def holds(
     strangeness: tuple[Array, ...], probabilities: Array, coverage: float
 ) -> NDArray[np.bool_]:
-    """Class sets by the strangeness of held-out cases: see `Model.holds`."""
+    """Which classes are in the set that holds the true one with the requested frequency.
+
+    Parameters
+    ----------
+    strangeness : tuple of (cases,) float64
+        Of held-out cases, by class: see `strangeness_of`.
+    probabilities : (cases, classes) float64
+    coverage : float
+
+    Returns
+    -------
+    (cases, classes) bool
+
+    Notes
+    -----
+    Vovk, Conditional validity of inductive conformal predictors, Machine Learning, 2013 (class by
+    class), with the scores of cross-validation, so that no case is lost (Vovk, Cross-conformal
+    predictors, Ann Math Artif Intell, 2015). A class stays unless fewer than a share 1 - coverage
+    of its n held-out cases and the case itself are as strange: (number as strange + 1) / (n + 1) >
+    1 - coverage.
+    """
     alpha = 1.0 - coverage
     in_set = np.empty(probabilities.shape, dtype=np.bool_)
     for k, scores in enumerate(strangeness):

@@ -36,14 +36,14 @@ FORM: Final = Form("model", 11)
 _LARGEST: Final = 512 * 2**20
 
 DEFAULT_MODEL: Final = "ventricle-simulated"
-"""The one that is asked where none is named: of material points, or `OFFSET_MODEL` for it."""
+"""The one that is asked where none is named, or `NORMAL_DISPLACEMENT_MODEL` in its place."""
 
-OFFSET_MODEL: Final = "ventricle-simulated-offset"
+NORMAL_DISPLACEMENT_MODEL: Final = "ventricle-simulated-normal-displacement"
 """The one that reads surfaces whose points may slide over the tissue."""
 
 RULE: Final = (
     f"Where {DEFAULT_MODEL} is requested, or no model, a recording that states tracking=material "
-    f"is read by it; any other, stated as offset or not at all, by {OFFSET_MODEL}."
+    f"is read by it; any other, by {NORMAL_DISPLACEMENT_MODEL}."
 )
 """Which of the two answers; it stands in their cards."""
 
@@ -294,7 +294,7 @@ def shipped_for(name: str, facts: Facts) -> str:
         within a surface that nobody measured looks like a ventricle without torsion.
     """
     if name.split("@")[0] == DEFAULT_MODEL and facts.tracking != "material":
-        return name.replace(DEFAULT_MODEL, OFFSET_MODEL, 1)
+        return name.replace(DEFAULT_MODEL, NORMAL_DISPLACEMENT_MODEL, 1)
     return name
 
 

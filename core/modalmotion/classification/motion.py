@@ -76,9 +76,9 @@ class Motion:
         return self.signature.modes
 
     @property
-    def is_offset(self) -> bool:
+    def along_normal(self) -> bool:
         """Whether the amplitudes are of displacements along the normals alone."""
-        return self.signature.kind == SignatureKind.OFFSET
+        return self.signature.kind == SignatureKind.NORMAL_DISPLACEMENT
 
     @cached_property
     def size(self) -> float:
@@ -133,11 +133,9 @@ class Motion:
         free = n - 1 - 2 * _N_SMOOTH
         if free < 2 or total == 0.0:
             return 1.0
-        time = self.cycle[1] if is_cycle and len(self.cycle[1]) == n else self._elapsed
-        is_cycle_time = time is not self._elapsed
-        explained = (
-            _design(time.tobytes(), _N_SMOOTH * (1 if is_cycle_time else 2), is_cycle_time).span @ x
-        )
+        is_cycle = is_cycle and len(self.cycle[1]) == n
+        time, count = (self.cycle[1], _N_SMOOTH) if is_cycle else (self._elapsed, 2 * _N_SMOOTH)
+        explained = _design(time.tobytes(), count, is_cycle).span @ x
         rest = max(0.0, total - float(np.vdot(explained, explained)))
         return max(0.0, 1.0 - rest / free * (n - 1) / total)
 
@@ -205,7 +203,7 @@ class Motion:
     @cached_property
     def _deforming(self) -> Array:
         """Amplitudes of modes that do more than move the whole, (frames, values)."""
-        moves_whole = not self.is_offset and self.signature.landmarks is not None
+        moves_whole = not self.along_normal and self.signature.landmarks is not None
         return self.amplitudes[:, int(moves_whole) :].reshape(self.signature.n_frames, -1)
 
     @cached_property
@@ -215,9 +213,9 @@ class Motion:
 
     @cached_property
     def _rest(self) -> Array:
-        """Amplitudes of the mean shape, of offsets those of the reference, (modes, 3)."""
+        """Amplitudes of the mean shape, along normals those of the reference, (modes, 3)."""
         s = self.signature
-        mean = 0.0 if self.is_offset else s.amplitudes.mean(axis=0)
+        mean = 0.0 if self.along_normal else s.amplitudes.mean(axis=0)
         return np.asarray((s.reference_amplitudes + mean) * self._flip)
 
     @cached_property

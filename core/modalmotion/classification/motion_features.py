@@ -39,9 +39,7 @@ class _Places(NamedTuple):
 def has_axis(modes: Modes) -> bool:
     """Whether motions in these modes have parts about an axis."""
     topology = modes.topology
-    if topology is None or topology.n_axes != 2:
-        return False
-    if topology.ends[1] != CLOSED or topology.ends[0] == CLOSED:
+    if topology is None or [end == CLOSED for end in topology.ends] != [False, True]:
         return False
     places = _places(modes)
     return len(places.flat) > 0 and places.n_rings > 0
@@ -53,8 +51,8 @@ def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> A
     Parameters
     ----------
     terms : (harmonics, modes, 3 or 1) complex128
-        In the frame of the body: towards the zero of theta, across it, along the axis; of offsets
-        outwards.
+        In the frame of the body: towards the zero of theta, across it, along the axis; of normal
+        displacements outwards.
     modes : Modes
     walls : bool
         Whether the zero of theta is a known place on the body, so that parts without a sign have
@@ -71,7 +69,7 @@ def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> A
     - tilt p, c3 - i s3 of p' = 1: rings that tilt;
     - lobe, wave and side (p, p'): these three of p' > 1.
 
-    Of offsets they are radial p, of (p, 0), and side p, oval p and lobe (p, p') of the pairs.
+    Along normals they are radial p, of (p, 0), and side p, oval p and lobe (p, p') of the pairs.
     Phases count from the height of the contraction. What has a sign is given by cosine and sine
     of each harmonic; of the others, whose direction is arbitrary, the roots of the lengths in
     phase and out of phase with it. A start angle turns c and s into one another and changes none.
@@ -106,7 +104,7 @@ def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> A
 
 @lru_cache(maxsize=64)
 def axis_columns(
-    modes: Modes, n_harmonics: int, *, is_offset: bool, walls: bool
+    modes: Modes, n_harmonics: int, *, along_normal: bool, walls: bool
 ) -> tuple[Column, ...]:
     """Columns of the values of `axis_parts`."""
     flat, c, s, n = _places(modes)
@@ -115,7 +113,7 @@ def axis_columns(
     levels = [(int(k), int(modes.wavenumbers[k, 0])) for k in flat]
     signed: list[tuple[str, tuple[int, ...]]]
     others: list[tuple[str, tuple[int, ...]]]
-    if is_offset:
+    if along_normal:
         whole = int(np.flatnonzero(~modes.wavenumbers.any(axis=1))[0])
         signed = [(f"radial {p}", (k,)) for k, p in [(whole, 0), *levels]]
         names = {1: "side {0}", 2: "oval {0}"}
@@ -429,7 +427,7 @@ class Extractor:
         if self.what == VOLUME:
             return Column("log largest volume / 3"), Column("share of volume lost")
         if self.what == AXIS:
-            return axis_columns(modes, n_terms, is_offset=n == 1, walls=self.walls)
+            return axis_columns(modes, n_terms, along_normal=n == 1, walls=self.walls)
         columns = [Column("log motion", tuple(range(self.n_modes)))]
         if self.what == SUMMARY:
             columns += summary_columns(waves, n_terms, n, is_cycle=self.is_cycle)
@@ -465,20 +463,18 @@ def first(modes: Modes, n: int) -> Modes:
     return modes if n >= len(modes) else modes.take(np.arange(n))
 
 
-def reads_about_axis(motion: Motion, n_modes: int) -> bool:
-    """Whether parts about an axis can be read of a motion."""
-    return motion.signature.landmarks is not None and has_axis(first(motion.modes, n_modes))
-
-
 def kinds_of(
     motions: Sequence[Motion], n_modes: int, *, is_cycle: bool, walls: bool
 ) -> tuple[str, ...]:
     """Give the kinds of features of the motion that all recordings have, the simplest first."""
-    has_axis = is_cycle and all(reads_about_axis(motion, n_modes) for motion in motions)
+    is_about_axis = is_cycle and all(
+        motion.signature.landmarks is not None and has_axis(first(motion.modes, n_modes))
+        for motion in motions
+    )
     # Terms of modes mean nothing where a cycle or theta may start anywhere.
     waves = waves_of(first(motions[0].modes, n_modes), walls=walls)
     has_terms = not is_cycle and all(len(group) == 1 for group in waves.modes)
-    return (*((AXIS,) if has_axis else ()), SUMMARY, WAVES, *((TERMS,) if has_terms else ()))
+    return (*((AXIS,) if is_about_axis else ()), SUMMARY, WAVES, *((TERMS,) if has_terms else ()))
 
 
 def states_walls(motions: Sequence[Motion]) -> bool:

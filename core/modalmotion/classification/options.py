@@ -55,7 +55,7 @@ class TrainingOptions:
     topology : str or None
         Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
     kind : SignatureKind or None
-        MATERIAL where vertices follow the tissue, OFFSET (normal displacement) where they may
+        MATERIAL where vertices follow the tissue, NORMAL_DISPLACEMENT where they may
         slide over it. None takes what all recordings state as their tracking; where some state
         none, both kinds are weighed inside the folds, and the model reads the better one.
     timing : Timing

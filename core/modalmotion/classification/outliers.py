@@ -133,7 +133,7 @@ def symmetry_signs(motion: Motion, reader: Extractor) -> Array:
     n = motion.amplitudes.shape[2]
     signs: list[tuple[float, float]] = []
     if reader.what == AXIS:
-        for column in axis_columns(modes, 2, is_offset=n == 1, walls=reader.walls):
+        for column in axis_columns(modes, 2, along_normal=n == 1, walls=reader.walls):
             words = column.name.split()
             is_signed = words[0] in ("radial", "turning", "axial") or words[-3] == "zero"
             is_turned = words[0] == "turning" or " across zero" in column.name

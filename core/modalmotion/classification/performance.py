@@ -152,6 +152,7 @@ def performance(answers: Answers, *, abstains: bool = False) -> Performance:
         Whether an answer may be without a label.
     """
     y, n = answers.y, len(answers.classes)
+    every = np.tile(y, len(answers.probabilities))
     right, labelled = answers.right, answers.labels >= 0
     confusion = np.zeros((n, n + 1), dtype=np.int64)
     for labels in answers.labels:
@@ -181,7 +182,11 @@ def performance(answers: Answers, *, abstains: bool = False) -> Performance:
         confusion=tuple(
             tuple(row) for row in (confusion if abstains else confusion[:, :n]).tolist()
         ),
-        roc=_roc(answers),
+        roc={
+            label: curve
+            for k, label in enumerate(answers.classes)
+            if (curve := roc_curve(answers.probabilities[:, :, k].ravel(), every == k))
+        },
         calibration_curve=calibration_curve(
             confidence[labelled], right[labelled], len(answers.labels)
         ),
@@ -226,15 +231,6 @@ def _mean_area(areas: Sequence[Auc]) -> Auc:
     return Auc(float(np.mean(values)), np.mean(influences, axis=0))
 
 
-def _roc(answers: Answers) -> dict[str, RocCurve]:
-    y = np.tile(answers.y, len(answers.probabilities))
-    return {
-        label: curve
-        for k, label in enumerate(answers.classes)
-        if (curve := roc_curve(answers.probabilities[:, :, k].ravel(), y == k))
-    }
-
-
 @shown("probabilities", "classes")
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
@@ -264,16 +260,9 @@ class CrossValidation:
     probabilities: NDArray[np.float64]
     folds: NDArray[np.int64]
 
-    def answers(self, labels: NDArray[np.int64] | None = None) -> Answers:
-        """Give the answers to measure.
-
-        Parameters
-        ----------
-        labels : (repetitions, cases) int64, optional
-            The most probable classes by default.
-        """
-        if labels is None:
-            labels = self.probabilities.argmax(axis=2)
+    def answers(self) -> Answers:
+        """Give the answers to measure: the most probable classes."""
+        labels = self.probabilities.argmax(axis=2)
         return Answers(self.classes, self.y, self.subjects, self.probabilities, labels)
 
     def as_csv(self, names: Mapping[str, tuple[str, str]] | None = None) -> str:

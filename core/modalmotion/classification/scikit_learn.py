@@ -11,10 +11,9 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.feature_extraction import DictVectorizer
 from sklearn.utils.validation import check_is_fitted
 
-from modalmotion.classification.answer import fitted_in, unlike
-from modalmotion.classification.cases import TrainingCase, as_case, named
+from modalmotion.classification.answer import signature_in
+from modalmotion.classification.cases import TrainingCase, as_case
 from modalmotion.classification.cohort import alike, readable_of
-from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import (
     AXIS,
@@ -27,12 +26,7 @@ from modalmotion.classification.motion_features import (
     timings_of,
 )
 from modalmotion.classification.options import TrainingOptions
-from modalmotion.errors import (
-    ModalMotionError,
-    ParameterError,
-    UnlikeCasesError,
-)
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.errors import ParameterError
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.signature.value import first_modes
 
@@ -145,7 +139,8 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             If the modes of one do not compare with those of `fit`.
         """
         check_is_fitted(self)
-        return self._table([_in_basis(case, self.readable_) for case in _cases(X)])
+        read = [signature_in(self.readable_, case.motion, case.name) for case in _cases(X)]
+        return self._table(read)
 
     def get_feature_names_out(self, input_features: Any = None) -> NDArray[np.object_]:
         """Names of the columns, (features,) object."""
@@ -219,24 +214,6 @@ def _cases(X: Iterable[Any]) -> list[TrainingCase]:
     if not cases:
         raise ParameterError("There is no recording to read.", remedy="Give at least one.")
     return cases
-
-
-def _in_basis(case: TrainingCase, readable: Readable) -> ModalSignature:
-    """Fit a sequence in modes that are known, or check that a signature is in them."""
-    signature = case.motion
-    try:
-        if isinstance(signature, MeshSequence):
-            signature = fitted_in(readable, signature)
-    except ModalMotionError as error:
-        raise named(error, case.name) from error
-    reason = unlike(signature, readable)
-    if reason is not None:
-        raise UnlikeCasesError(
-            f"{case.name} does not compare with those that were fitted to: {reason.words}.",
-            remedy="Give the sequence itself, which is then fitted as the others were.",
-            details={"sequence_id": signature.sequence_id},
-        )
-    return signature
 
 
 def _chosen_covariates(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from modalmotion.classification.card import ModelCard
@@ -27,7 +28,6 @@ from modalmotion.classification.fitting import (
     split_cases,
     tables_of,
 )
-from modalmotion.classification.linear import softmax
 from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
 from modalmotion.classification.motion_features import AXIS, WAVES, volume_share
 from modalmotion.classification.options import TrainingOptions
@@ -35,6 +35,7 @@ from modalmotion.classification.outliers import OutlierDetector, detector_for
 from modalmotion.classification.performance import METHODS, CrossValidation, performance
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.progress import Progress, as_share, in_percent, part_of
 
 # Share of the progress that reading the cases is counted as.
 _READ: Final = 0.4
@@ -58,9 +59,9 @@ def train(
     cases: Iterable[AnyCase],
     name: str,
     options: TrainingOptions | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
     cv: Folds | None = None,
-    offsets: Iterable[AnyCase] | None = None,
+    normal_displacements: Iterable[AnyCase] | None = None,
 ) -> Model:
     """Train a model on labelled recordings.
 
@@ -71,12 +72,12 @@ def train(
     name : str
     options : TrainingOptions, optional
     progress : callable, optional
-        Called with the share that is done, 0 to 1, and the current step.
+        Called with the percentage that is done, and 100.
     cv : sequence of int, optional
         Folds of your own: for each case the number of the fold in which it is predicted.
-    offsets : iterable of TrainingCase or CaseSource, optional
-        The same cases with their signatures of the kind offset, where `cases` are signatures and
-        both kinds are to be weighed. Sequences are fitted in both by themselves.
+    normal_displacements : iterable of TrainingCase or CaseSource, optional
+        The same cases with their signatures of normal displacements, where `cases` are signatures
+        and both kinds are to be weighed. Sequences are fitted in both by themselves.
 
     Returns
     -------
@@ -99,31 +100,24 @@ def train(
     """
     from joblib import Parallel, delayed
 
-    chosen, report = options or TrainingOptions(), progress or _silent
-    n_cases = len(cases) if isinstance(cases, Sized) else 0
-
-    def reading(number: int) -> None:
-        share = min(1.0, number / n_cases) if n_cases else 0.0
-        report(_READ * share, f"reading case {number}" + (f" of {n_cases}" if n_cases else ""))
-
-    cohorts = collect_cohorts(cases, offsets, chosen, reading)
+    chosen, report = options or TrainingOptions(), in_percent(progress)
+    reading = as_share(part_of(report, 0.0, _READ))
+    cohorts = collect_cohorts(cases, normal_displacements, chosen, reading)
     splits = split_cases(cohorts[0], chosen, cv)
     # Those of a basis have its motions in memory, so each is one piece of work.
     works = (delayed(_fitted)(cohort, splits, chosen) for cohort in cohorts)
     results = []
     for number, result in enumerate(Parallel(return_as="generator", batch_size=1)(works)):
         results.append(result)
-        report(_READ + (1.0 - _READ) * (number + 1) / len(cohorts), f"basis {number + 1}")
+        report(_READ + (1.0 - _READ) * (number + 1) / len(cohorts))
     final = better([result.final for result in results])
     held_out = _held_out(results, splits, cohorts[final])
     cohort, fit = cohorts[final], results[final].final
-    card, doubt = _card(cohort, chosen, splits, held_out, fit)
+    card, warning = _card(cohort, chosen, splits, held_out, fit)
     weighed = _weighed_note(cohorts, results, final)
-    card = replace(card, notes=(*cohort.notes, *weighed, *splits.notes, *card.notes, *doubt))
-    always = (*doubt, *_always(cohort, fit))
-    model = _model(cohort, name, results[final], held_out, card, always)
-    report(1.0, "trained")
-    return model
+    card = replace(card, notes=(*cohort.notes, *weighed, *splits.notes, *card.notes, *warning))
+    always = (*warning, *_always(cohort, fit))
+    return _model(cohort, name, results[final], held_out, card, always)
 
 
 @contextmanager
@@ -230,7 +224,8 @@ def _held_out(results: Sequence[_Result], splits: Splits, cohort: Cohort) -> Cro
     for r, repetition in enumerate(splits.repetitions):
         for k, (_, outer) in enumerate(repetition):
             fits = [result.folds[place] for result in results]
-            probabilities[r, outer] = softmax(fits[better([fit for fit, _ in fits])][1])
+            scores = fits[better([fit for fit, _ in fits])][1]
+            probabilities[r, outer] = scipy.special.softmax(scores, axis=1)
             numbers[r, outer] = k
             place += 1
     return CrossValidation(
@@ -296,7 +291,7 @@ def _card(
     held_out: CrossValidation | None,
     fit: Fit,
 ) -> tuple[ModelCard, tuple[str, ...]]:
-    """Card of a trained model, and a doubt that every answer says, where there is one."""
+    """Card of a trained model, and the warning that every answer carries, if any."""
     labels = [cohort.classes[k] for k in cohort.y]
     people = dict.fromkeys(zip(labels, cohort.subjects, strict=True))
     counts = Counter(labels), Counter(label for label, _ in people)
@@ -333,12 +328,12 @@ def _card(
     persons = np.unique(cohort.subjects, return_inverse=True)[1]
     tests = confounds(cohort.conditions, cohort.y, persons, options.seed)
     held, sizes = _cross_sets(cohort, splits.repetitions[0], held_out.probabilities[0])
-    doubt: tuple[str, ...] = ()
+    warning: tuple[str, ...] = ()
     if figures.auc_interval is not None and figures.auc_interval[0] <= 0.5:
         low, high = figures.auc_interval
         text = f"AUC {figures.auc:.2f}, 95 % interval {low:.2f} to {high:.2f}"
         text = f"Its answers to cases left out are no better than chance ({text}): "
-        doubt = (f"{text}do not rely on this model.",)
+        warning = (f"{text}do not rely on this model.",)
     return replace(
         card,
         **vars(figures),
@@ -350,7 +345,7 @@ def _card(
             label: float(held[cohort.y == k].mean()) for k, label in enumerate(cohort.classes)
         },
         mean_set_size=float(sizes.mean()),
-    ), doubt
+    ), warning
 
 
 def _cross_sets(
@@ -407,8 +402,3 @@ def _weighed_note(
         f"training ({', '.join(losses)}). State kind or topology to decide otherwise."
     )
     return (note,) if len(cohorts) > 1 else ()
-
-
-def _silent(share: float, text: str) -> None:
-    """Report nothing."""
-    del share, text

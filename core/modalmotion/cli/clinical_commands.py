@@ -57,7 +57,7 @@ def readouts(source: Path, plot: OnlyPlot = None, bulls_eye: Plot = None, **opti
     plot
         Picture to write (.png, .svg, .pdf).
     bulls_eye
-        Picture of inward motion by segment to write (.png, .svg, .pdf).
+        Picture to write of the inward motion by segment (.png, .svg, .pdf).
     """
     from modalmotion.reports import Report
 
@@ -191,7 +191,7 @@ def train(
     modes: int = 7,
     topology: str | None = None,
 ) -> Any:
-    """Make a norm of recordings of controls, one of each person.
+    """Make a norm from recordings of controls, one per person.
 
     MANIFEST is a table with the column path and, if known, subject and facts; labels are ignored.
     FILES are files of sequences.
@@ -230,13 +230,13 @@ def ask(
 ) -> Any:
     """Compare recordings with the controls of NORM, a file.
 
-    Five or more are also compared together, with a warning if machine or protocol differ. MANIFEST
+    Five or more are also compared together, with a warning if scanner or protocol differ. MANIFEST
     and FILES are as for training.
 
     Parameters
     ----------
     level
-        Level: share of recordings like the controls that are called a deviation.
+        Level: share of recordings like the controls that are reported as deviating.
     unit
         Length unit of all files; overrides their own.
     """

@@ -12,7 +12,7 @@ import click
 
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.classification.options import OnError, TrainingOptions
-from modalmotion.cli.files import counting, progress_bar, read, sequence_argument
+from modalmotion.cli.files import counting, read, sequence_argument
 from modalmotion.cli.options import (
     Cases,
     Coverage,
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 _HELP: Final = {
     "modes": "Modes of the signatures; 3 amplitudes per frame each.",
     "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
-    "kind": "material: points follow the tissue; offset: normal displacement, for points that may "
+    "kind": "material: points follow the tissue; normal_displacement: for points that may "
     "slide over it; by default what all recordings state, and else the better of both.",
-    "timing": "cycle: one turn of a cycle; transient: a movement with a beginning and an end.",
+    "timing": "cycle: one period of a cycle; transient: a movement with a beginning and an end.",
     "folds": "Folds of the grouped cross-validation.",
     "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
     "groups": "Column of the manifest, such as site, whose cases are never divided by a split.",
@@ -69,7 +69,7 @@ def evaluate(
     unit
         Length unit of all files; overrides their own.
     coverage
-        Probability that the class set holds the true class.
+        Probability that the class set contains the true class.
     plot
         Picture to write (.png, .svg, .pdf).
     cases_file
@@ -104,8 +104,8 @@ def _asked(
     files = labelled_files(sources, skip_unreadable=skips)
     cases = [LabelledSequence(file, {"unit": unit}) for file in files]
     left_out: list[LeftOut] = []
-    with progress_bar(cases, label="cases") as bar:
-        result = ask(bar, coverage, left_out=left_out if skips else None)
+    with counting("cases") as show:
+        result = ask(cases, coverage, progress=show, left_out=left_out if skips else None)
     return result, list(left_out_notes(left_out))
 
 
@@ -131,7 +131,7 @@ def compare_models(
     unit
         Length unit of all files; overrides their own.
     coverage
-        Probability that the class set holds the true class.
+        Probability that the class set contains the true class.
     """
     from modalmotion.classification import compare_models as compare
 
@@ -157,9 +157,9 @@ def classify(
     ----------
     model
         Model: the name of an included one, or a file. The default reads displacements if
-        the file states tracking=material, the surface's offsets otherwise.
+        the file states tracking=material, the surface's normal displacements otherwise.
     coverage
-        Probability that the class set holds the true class.
+        Probability that the class set contains the true class.
     plot
         Picture to write (.png, .svg, .pdf).
     """
@@ -197,7 +197,7 @@ def card(
     Parameters
     ----------
     markdown
-        As Markdown with a YAML head, as the Hugging Face Hub has it.
+        As Markdown with a YAML head, as on the Hugging Face Hub.
     out
         File to write.
     """
@@ -256,7 +256,7 @@ def features(
         axis: parts about the axis; modes: modes and their products; summary: the same in
         few numbers; terms: modes and their terms, of a transient.
     timing
-        cycle: one turn of a cycle; transient: a movement with a beginning and an end.
+        cycle: one period of a cycle; transient: a movement with a beginning and an end.
     covariates
         Column of the manifest to add; repeat for more. all: every one, long lists of words
         apart.
@@ -275,7 +275,7 @@ def features(
             [LabelledSequence(file, {}) for file in files],
             transformer,
             on_error="leave out" if skip_unreadable else "raise",
-            progress=lambda done: show(done, len(files)),
+            progress=show,
         )
     write_atomic(out, table.as_csv().encode())
     n, m = table.values.shape
@@ -325,7 +325,7 @@ def train(
     files = labelled_files(sources, skip_unreadable=skip_unreadable)
     with counting("training") as show:
         cases = [LabelledSequence(file, {"unit": unit}) for file in files]
-        model = fit(cases, name, training_options, lambda share, _: show(round(1000 * share), 1000))
+        model = fit(cases, name, training_options, show)
     write_atomic(out, model_to_hdf5(model))
     if plot is not None:
         from modalmotion.pictures.classification import card_figure

@@ -167,7 +167,7 @@ def _lines(result: ModalSignature, sequence: MeshSequence, price: Price | None) 
     )
     if result.facts.stated:
         yield f"facts: {repr(result.facts)[6:-1]}"
-    each = "offset" if result.kind == SignatureKind.OFFSET else "amplitude"
+    each = "amplitude" if result.kind == SignatureKind.MATERIAL else "normal displacement"
     modes = counted(len(result.modes), "mode")
     yield f"{modes}, {counted(result.n_amplitudes, each)} per frame"
     yield f"motion {numeral(motion)} {unit} RMS in the frame with most motion"
@@ -231,7 +231,7 @@ def resample(
             kind = _SUFFIXES[output.suffix.lower()]
             fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
             write_atomic(output, write_surfaces(result.sequence, kind, fields))
-    names = ("phases", "rms_deviations", "course", "sequence.unit")
+    names = ("phases", "rms_deviations", "interpolation", "sequence.unit")
     return {**members(result, *names), "notes": [reconstruction.note_on(result)]}
 
 

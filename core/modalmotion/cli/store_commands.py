@@ -17,7 +17,7 @@ _OF_A_BACKUP: Final = (
     "This is a backup: what was deleted since is in it. `modalmotion store restore` looks for "
     "deletions."
 )
-_OF_A_CRASH: Final = "What is unfinished was left by a crash; opening the store settles it."
+_OF_A_CRASH: Final = "What is unfinished was left by a crash; opening the store repairs it."
 
 
 @click.group()
@@ -91,7 +91,7 @@ def verify(folder: Path, owner: str | None = None) -> Any:
 def export(folder: Path, out: Path, owner: str | None = None) -> Any:
     """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
 
-    The exit code is 1 if a signature is damaged; the others are packed all the same.
+    The exit code is 1 if a signature is damaged; the others are packed nevertheless.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ label_options = options_of(
     TrackParameters, "labels", "papillary", group=TRACKING, labels={"flag": "label"}
 )
 start_option = click.option(
-    "--start", cls=Grouped, group=TRACKING, type=EXISTING, help="A surface to start from."
+    "--start", cls=Grouped, group=TRACKING, type=EXISTING, help="File of the surface to start from."
 )
 tracking_options = several(
     click.option(

@@ -22,7 +22,7 @@ from modalmotion.client.errors import (
 from modalmotion.client.values import Info, compressed_of, info_of, template_modes_of
 from modalmotion.formats.npz import read_npz
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress
+from modalmotion.progress import Progress, in_percent
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 
@@ -122,9 +122,7 @@ class Job(Generic[T]):
         """
         self.status = JobStatus.of(self._connection.send(Call("DELETE", self._path)).json)
 
-    def wait(
-        self, *, timeout: float | None = None, progress: Callable[[float], None] | None = None
-    ) -> T:
+    def wait(self, *, timeout: float | None = None, progress: Progress | None = None) -> T:
         """Wait for the result.
 
         Parameters
@@ -132,7 +130,7 @@ class Job(Generic[T]):
         timeout : float, s, optional
             For ever by default; the job itself goes on afterwards.
         progress : callable, optional
-            Called with the share that is done, 0 to 1, at each poll.
+            Called with the percentage that is done, and 100, at each poll.
 
         Raises
         ------
@@ -144,11 +142,10 @@ class Job(Generic[T]):
             If the time has passed.
         """
         end = None if timeout is None else time.monotonic() + timeout
-        pause = _FIRST_PAUSE
+        pause, report = _FIRST_PAUSE, in_percent(progress)
         while True:
             requested = None if self.status.is_finished else self._poll()
-            if progress is not None:
-                progress(self.status.progress)
+            report(self.status.progress)
             if self.status.is_finished:
                 return self._result()
             pause = min(
@@ -201,15 +198,13 @@ def awaited(
     answer: Answer,
     read: Callable[[Answer], T],
     accept: str,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> T:
     """Read an answer; where it is a job (202), wait for its result and read that."""
     if answer.status != 202:
         return read(answer)
     return Job(connection, JobStatus.of(answer.json), read, accept).wait(progress=progress)
 
-
-Share = Callable[[float], None]
 
 # Options that select the signature; all others belong to what is computed from it.
 _OF_SIGNATURE: Final = frozenset(("amplitudes", *(one.name for one in fields(SignatureParameters))))

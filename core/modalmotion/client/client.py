@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from modalmotion.client.bodies import Option, Source, body_of, json_body, segment
-from modalmotion.client.calls import Job, JobStatus, Share, awaited, call, parted, posted
+from modalmotion.client.calls import Job, JobStatus, awaited, call, parted, posted
 from modalmotion.client.connection import JSON, MOST_BYTES, Answer, Call, Connection, Retries
 from modalmotion.client.errors import RemoteError, UnreachableError
 from modalmotion.client.recordings import Recording, Recordings, track_call
@@ -40,8 +40,8 @@ class Client(Recordings):
 
     Threads may share one. Options of a call are those of the service, by its names; a call
     waits for its result, whether the service computes it at once or in a job. `progress` is
-    called with the bytes of an upload sent so far and those to send in all, or with the share of a
-    job that is done.
+    called with the bytes of an upload sent so far and in all, or with the percentage of a job that
+    is done, and 100.
 
     Parameters
     ----------
@@ -191,7 +191,12 @@ class Client(Recordings):
 
     @call("POST /v1/models", is_keyed=True, nests=True)
     def train(
-        self, name: str, cases: Iterable[Case], *, progress: Share | None = None, **options: Option
+        self,
+        name: str,
+        cases: Iterable[Case],
+        *,
+        progress: Progress | None = None,
+        **options: Option,
     ) -> Info:
         """Train a model on stored sequences: the next version of its name.
 
@@ -217,7 +222,12 @@ class Client(Recordings):
 
     @call("POST /v1/models/{name}/evaluations")
     def evaluate(
-        self, name: str, cases: Iterable[Case], *, progress: Share | None = None, **options: Option
+        self,
+        name: str,
+        cases: Iterable[Case],
+        *,
+        progress: Progress | None = None,
+        **options: Option,
     ) -> Info:
         """Test a model, name or name@version, on stored, labelled sequences.
 
@@ -243,7 +253,7 @@ class Client(Recordings):
 
     @call("POST /v1/features")
     def features(
-        self, cases: Iterable[Case], *, progress: Share | None = None, **options: Option
+        self, cases: Iterable[Case], *, progress: Progress | None = None, **options: Option
     ) -> FeatureTable:
         """Return the features of stored sequences.
 
@@ -270,7 +280,7 @@ class Client(Recordings):
         name: str,
         controls: Iterable[Case],
         *,
-        progress: Share | None = None,
+        progress: Progress | None = None,
         **options: Option,
     ) -> Info:
         """Make a norm of stored sequences of people who are taken as usual.
@@ -313,7 +323,7 @@ class Client(Recordings):
             As for `train`.
         norm : str
         level : float
-            Level: share of recordings like the controls that are called a deviation.
+            Level: share of recordings like the controls that are reported as deviating.
 
         Returns
         -------
@@ -392,7 +402,7 @@ class Client(Recordings):
         source: Recording,
         path: str | Path,
         *,
-        progress: Share | None = None,
+        progress: Progress | None = None,
         **options: Option,
     ) -> None:
         """Track a surface through images, points or contours, and write a zip of its report.
@@ -416,7 +426,7 @@ class Client(Recordings):
         asked = replace(track_call(source, {**options, "report": True}), accept=ZIP)
         self._save(path, asked, progress)
 
-    def _save(self, path: str | Path, asked: Call, progress: Share | None = None) -> None:
+    def _save(self, path: str | Path, asked: Call, progress: Progress | None = None) -> None:
         from modalmotion.store import write_atomic
 
         place = Path(path)

@@ -15,7 +15,6 @@ from modalmotion.client.bodies import Option, Source, body_of, json_body, plain,
 from modalmotion.client.calls import (
     Caller,
     Job,
-    Share,
     call,
     parted,
     posted,
@@ -178,7 +177,7 @@ class Recordings(Caller):
     # Signatures.
 
     def signature(
-        self, sequence_id: str, *, progress: Share | None = None, **options: Option
+        self, sequence_id: str, *, progress: Progress | None = None, **options: Option
     ) -> ModalSignature:
         """Return the modal signature of a stored sequence: the library's own, bit for bit.
 
@@ -229,7 +228,7 @@ class Recordings(Caller):
         """
 
     def signatures(
-        self, sequence_ids: Iterable[str], *, progress: Share | None = None, **options: Option
+        self, sequence_ids: Iterable[str], *, progress: Progress | None = None, **options: Option
     ) -> list[SignatureArrays]:
         """Return the trajectories of many sequences, in the order of their ids.
 
@@ -251,7 +250,7 @@ class Recordings(Caller):
             request = {"ids": ids[start : start + at_once], **options}
             answers += self._awaited(posted("/v1/signatures/query", request, NPZ), pack_of)
             if progress is not None:
-                progress(len(answers) / len(ids))
+                progress(len(answers), len(ids))
         return answers
 
     @call("GET /v1/signatures/{signature}/reconstruction", NPZ)
@@ -420,7 +419,7 @@ class Recordings(Caller):
         """Delete images; tracks that were made of them stay."""
 
     def make_track(
-        self, source: Recording, *, progress: Share | None = None, **options: Option
+        self, source: Recording, *, progress: Progress | None = None, **options: Option
     ) -> Track:
         """Track a surface through a recording, and store it with the sequence that it makes.
 

@@ -94,7 +94,7 @@ class SignatureArrays:
     modes : tuple of str
         Names of the modes.
     amplitudes : (frames, modes, n) float64, length unit
-        Three of a mode, or one of offsets.
+        Three of a mode, or one of normal displacements.
     angular_frequencies : (modes,) float64, rad per s
     rms_errors, weighted_rms_errors : (frames,) float64, length unit
     times : (frames,) float64, s, or None

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from modalmotion.signature.fit import Basis, project
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.superposition import offset_reference
+from modalmotion.signature.superposition import normal_reference
 from modalmotion.template import Template
 from modalmotion.template.body_frame import (
     HELD,
@@ -54,9 +54,9 @@ def superposed_positions(
     """
     n_frames, n_vertices = signature.n_frames, len(rest)
     step = max(1, _BLOCK // (3 * n_vertices))
-    if signature.kind == SignatureKind.OFFSET:
+    if signature.kind == SignatureKind.NORMAL_DISPLACEMENT:
         # Normal displacements have no affine part that could be separated.
-        normals, _ = offset_reference(template, rest)
+        normals, _ = normal_reference(template, rest)
         for first in range(0, n_frames, step):
             part = slice(first, first + step)
             u = from_local(_superposed(signature.amplitudes[part], basis.shapes.T), normals)

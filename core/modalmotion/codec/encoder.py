@@ -30,7 +30,7 @@ from modalmotion.codec.search import MOST_TRIALS, Encoded, Errors, measure, try_
 from modalmotion.codec.spatial_modes import STORED
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress, ShareReport, part_of, silent
+from modalmotion.progress import Progress, ShareReport, in_percent, part_of
 
 LONGEST_BLOCK: Final = 512
 
@@ -92,7 +92,7 @@ def encode(
         raise ParameterError(
             f"The effort {effort!r} is unknown.", remedy=f"Use one of {', '.join(Effort)}."
         ) from None
-    report = silent if progress is None else _in_percent(progress)
+    report = in_percent(progress)
     report(0.0)
     choice = choose(sequence, effort)
     faces = _faces_section(sequence, RELATIONS[effort])
@@ -108,10 +108,6 @@ def encode(
         encoded = min(encoded, quick, key=lambda one: one.n_bytes)
     report(1.0)
     return encoded
-
-
-def _in_percent(progress: Progress) -> ShareReport:
-    return lambda share: progress(round(100 * share), 100)
 
 
 def _usual_error(sequence: MeshSequence) -> float:

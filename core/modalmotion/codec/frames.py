@@ -218,7 +218,7 @@ class EncodedBlock:
     def tightened(self, most: int) -> EncodedBlock:
         """Write the same in fewer bytes and more time, for at most so many answers."""
         mixed = replace(self.block, mixed=True)
-        if sum(map(count_questions, (mixed.basis, mixed.coefficients, mixed.maps))) > most:
+        if sum(map(count_bits, (mixed.basis, mixed.coefficients, mixed.maps))) > most:
             return self
         data = write_block(mixed, self.guards, self.corrections, self.positions)
         return self if len(data) >= len(self.data) else replace(self, data=data, block=mixed)
@@ -420,8 +420,8 @@ def fewest_corrections(left: Floats, width: int, room: float) -> Ints:
     return corrections
 
 
-def count_questions(values: Ints) -> int:
-    """Count the answers that the magnitudes of a matrix take one by one, at most."""
+def count_bits(values: Ints) -> int:
+    """Count the bits that the magnitudes of a matrix are coded as, at most."""
     magnitudes = np.abs(values).astype(np.float64)
     beyond = magnitudes[magnitudes >= N_STEPS] - N_STEPS
     bits = np.floor(np.log2(beyond + 1.0)) + 1.0

@@ -73,8 +73,8 @@ def modal_animation(
         )
     if max_targets is not None and max_targets < 0:
         raise ParameterError(f"{max_targets} targets were requested.", remedy="Ask for 0 or more.")
-    is_offset = signature.kind == SignatureKind.OFFSET
-    if is_offset or parameters.components != Components.CARTESIAN:
+    along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
+    if along_normal or parameters.components != Components.CARTESIAN:
         raise ParameterError(
             "The amplitudes are along directions that differ by vertex; a target has one.",
             remedy="Fit with kind = material and components = cartesian, or write the superposed "

@@ -226,7 +226,7 @@ def _recording_row(one: Recording) -> dict[str, Any]:
 
 def direction_names(signature: ModalSignature) -> tuple[str, ...]:
     """Name the directions of a signature's amplitudes."""
-    if signature.kind == SignatureKind.OFFSET:
+    if signature.kind == SignatureKind.NORMAL_DISPLACEMENT:
         return ("normal",)
     if signature.parameters.components == Components.CARTESIAN:
         return ("x", "y", "z")

@@ -108,7 +108,7 @@ def _no_place(name: str) -> ParameterError:
     )
 
 
-Tracking: TypeAlias = Literal["material", "offset", "unknown"]
+Tracking: TypeAlias = Literal["material", "normal_displacement", "unknown"]
 Handedness: TypeAlias = Literal["right", "left", "unknown"]
 CoordinateSystem: TypeAlias = Literal["LPS", "RAS", "unknown"]
 Cavity: TypeAlias = Literal["lv", "rv", "la", "ra", "other", "none", "unknown"]
@@ -145,7 +145,7 @@ class Facts:
 
     Parameters
     ----------
-    tracking : {"material", "offset", "unknown"}
+    tracking : {"material", "normal_displacement", "unknown"}
         Whether vertices follow tissue, or slide over it along the surface's normals.
     handedness : {"right", "left", "unknown"}
         Handedness of the coordinate system.

@@ -18,7 +18,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
 from modalmotion.representation import numeral, shown
 
 # First words of the columns about an axis.
@@ -242,22 +241,6 @@ _ROUNDING: Final = 1e-12
 
 LEVEL: Final = 0.05
 """Level at which something is called a deviation, unless one is stated."""
-
-
-def require_level(level: float) -> None:
-    """Check a level.
-
-    Raises
-    ------
-    ParameterError
-        If it is no number between 0 and 1/2.
-    """
-    if not 0.0 < level <= 0.5:
-        raise ParameterError(
-            f"The level is {numeral(level)}.",
-            remedy="Use a share of false alarms between 0 and 0.5, such as 0.05.",
-            details={"option": "level"},
-        )
 
 
 def fewest_controls(level: float) -> int:

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Saved
-from modalmotion.classification.answer import fitted_in, unlike
+from modalmotion.classification.answer import signature_in
 from modalmotion.classification.card import require_model_name
 from modalmotion.classification.cohort import conditions_of
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import Extractor
 from modalmotion.clinical import Fraction, clinical_readouts
-from modalmotion.errors import ParameterError, TopologyError, UnlikeCasesError
+from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
 from modalmotion.mesh import UNKNOWN
@@ -37,7 +37,6 @@ from modalmotion.norm.deviation import (
     exchange_p,
     fewest_controls,
     groups_of,
-    require_level,
     standardised,
     strangeness,
     without_covariates,
@@ -159,23 +158,15 @@ class Norm(Saved):
         ModalMotionError
             If it cannot be fitted, or has other modes.
         """
-        signature = recording
-        if isinstance(signature, MeshSequence):
-            sequence, signature = signature, fitted_in(self.readable, signature)
-        reason = unlike(signature, self.readable)
-        if reason is not None:
-            raise UnlikeCasesError(
-                f"{name or 'The recording'} does not compare with the controls: {reason.words}.",
-                remedy="Give the sequence itself, or its signature with the norm's parameters.",
-                details={"sequence_id": signature.sequence_id},
-            )
+        signature = signature_in(self.readable, recording, name)
+        sequence = recording if isinstance(recording, MeshSequence) else sequence
         reading = reading_of(signature, sequence, self.extractor, subject=subject, name=name)
         own = reading.conditions["tracking"]
         theirs = {str(one.conditions["tracking"]) for one in self.controls}
         if UNKNOWN not in {*theirs, own} and own not in theirs:
             raise ParameterError(
-                f"The points of this recording follow {own}, those of the controls "
-                f"{' and '.join(sorted(theirs))}.",
+                f"The tracking of this recording is {own}, that of the controls "
+                f"{' or '.join(sorted(theirs))}.",
                 remedy="Compare it with controls that were made in the same way.",
                 details={"tracking": own},
             )
@@ -192,7 +183,7 @@ class Norm(Saved):
             A sequence is fitted in the controls' modes; a signature has no volumes. One of the
             controls is compared with the others.
         level : float
-            Level: share of recordings like the controls that are called a deviation.
+            Level: share of recordings like the controls that are reported as deviating.
 
         Returns
         -------
@@ -202,9 +193,15 @@ class Norm(Saved):
         Raises
         ------
         ParameterError
-            If there are too few controls for the level, or it does not compare.
+            If the level is not between 0 and 1/2, there are too few controls for it, or the
+            recording does not compare.
         """
-        require_level(level)
+        if not 0.0 < level <= 0.5:
+            raise ParameterError(
+                f"The level is {numeral(level)}.",
+                remedy="Use a share of false alarms between 0 and 0.5, such as 0.05.",
+                details={"option": "level"},
+            )
         own = recording if isinstance(recording, Reading) else self.read(recording)
         controls = [one for one in self.controls if not _same(one, own)]
         n, fewest = len(controls), fewest_controls(level)

@@ -41,7 +41,7 @@ def train_norm(
     controls : iterable of TrainingCase, CaseSource, MeshSequence or ModalSignature
         One recording of each person; labels are not read. Volumes are read of sequences, and of
         signatures whose case names its sequence. Those with points that slide
-        (`tracking="offset"`) are read by their normal displacements.
+        (`tracking="normal_displacement"`) are read by their normal displacements.
     name : str
         As models are named.
     modes : int
@@ -100,8 +100,8 @@ def parameters_of_controls(
     parameters: SignatureParameters, facts: Iterable[Facts]
 ) -> SignatureParameters:
     """Choose the kind that controls are read with: normal displacements if points of one slide."""
-    if any(one.tracking == SignatureKind.OFFSET.value for one in facts):
-        return replace(parameters, kind=SignatureKind.OFFSET)
+    if any(one.tracking == SignatureKind.NORMAL_DISPLACEMENT.value for one in facts):
+        return replace(parameters, kind=SignatureKind.NORMAL_DISPLACEMENT)
     return parameters
 
 

@@ -119,10 +119,10 @@ def _colours(signature: ModalSignature) -> list[str]:
 def _names(signature: ModalSignature) -> list[str]:
     """Describe each mode, once for a pair, with its label."""
     components = signature.parameters.components
-    is_offset = signature.kind == SignatureKind.OFFSET
+    along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
     names, before = [], ""
     for label in signature.modes.labels:
-        name = plain_name(signature.topology, label, components, is_offset=is_offset)
+        name = plain_name(signature.topology, label, components, along_normal=along_normal)
         names.append(str(label) if name == before else f"{name}  {label}")
         before = name
     return names

@@ -80,7 +80,7 @@ def simple_motions(fitter: Fitter, fit: Fit) -> dict[SceneKind, FrameErrors]:
     fit : Fit
         Of any modes, whose rotations are taken.
     """
-    if fitter.offsets is not None:
+    if fitter.normal_displacements is not None:
         return {SceneKind.STATIC: fit.motion}
     shape = fitter.displacements.shape
     moments = shape.moments[:, :3].T @ shape.rest.T

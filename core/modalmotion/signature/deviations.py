@@ -6,11 +6,11 @@ To first order an amplitude is linear in the errors e of the positions. Its erro
 
 e turned back as the frame is, P the projector of the fit, q_vi what component i of vertex v answers
 to, and rho(e) the rigid motion that the fit takes out of e: for displacements the turn that fits
-them best, taken on the reference; for offsets the path of the area centroid and the turn that makes
-offsets least.
+them best, taken on the reference; for normal displacements the path of the area centroid and the
+turn that makes normal displacements least.
 
-An offset answers to the part of e along the normal n of the frame's surface, over the cosine of its
-angle with the line that the offset is measured on.
+A normal displacement answers to the part of e along the normal n of the frame's surface, over the
+cosine of its angle with the line that the normal displacement is measured on.
 
 A template that is made of the sequence itself has axes with errors too, of the mean of all frames:
 `turns_of_axes`. They and the errors above, which are differences between frames, are independent.
@@ -56,7 +56,7 @@ def amplitude_deviations(
     reference: Reference,
     *,
     directions: NDArray[np.float64] | None = None,
-    is_offset: bool = False,
+    along_normal: bool = False,
     remove_rotation: bool = True,
 ) -> NDArray[np.float64]:
     """Propagate errors of positions to amplitudes.
@@ -75,8 +75,8 @@ def amplitude_deviations(
     reference : int or "mean"
         What displacements are measured from, whose own errors count too.
     directions : (vertices, n, 3) float64, optional
-        Local directions of the components; x, y, z by default. Of offsets the lines.
-    is_offset : bool
+        Local directions of the components; x, y, z by default. Of normal displacements the lines.
+    along_normal : bool
     remove_rotation : bool
 
     Returns
@@ -84,7 +84,7 @@ def amplitude_deviations(
     (frames, modes, n) float64, length unit
         Zero in the reference frame.
     """
-    covariances = uncertainty.across if is_offset else uncertainty.along
+    covariances = uncertainty.across if along_normal else uncertainty.along
     own = np.empty(
         (sequence.n_frames, len(basis.modes), 3 if directions is None else directions.shape[1])
     )
@@ -92,11 +92,14 @@ def amplitude_deviations(
     unit = power_of_two(float(np.abs(sequence.vertices).max(initial=0.0)))
     rest, parts = uncertainty.rest / unit, None
     for f, R in enumerate(rotations):
-        if parts is None or is_offset:
-            x = sequence.vertices[f] @ R if is_offset else reference_positions(sequence, reference)
+        if parts is None or along_normal:
+            turned = sequence.vertices[f] @ R
+            x = turned if along_normal else reference_positions(sequence, reference)
             x = x / unit
-            q = _answers(x, template, directions, is_offset=is_offset)
-            rigid = _rigid(x, template, q, is_offset=is_offset, remove_rotation=remove_rotation)
+            q = _answers(x, template, directions, along_normal=along_normal)
+            rigid = _rigid(
+                x, template, q, along_normal=along_normal, remove_rotation=remove_rotation
+            )
             parts = _parts(basis.projector, q, rigid, uncertainty)
         variances = parts[0] * rest[f] ** 2
         if len(parts[1][0, 0]):
@@ -163,12 +166,12 @@ def _answers(
     template: Template,
     directions: NDArray[np.float64] | None,
     *,
-    is_offset: bool,
+    along_normal: bool,
 ) -> NDArray[np.float64]:
     """Find what each component of each vertex answers to, (vertices, n, 3)."""
     if directions is None:
         return np.broadcast_to(np.eye(3), (len(x), 3, 3))
-    if not is_offset:
+    if not along_normal:
         return directions
     normals = vertex_normals(x, template.faces)[template.representatives]
     line = directions[:, 0]
@@ -185,12 +188,12 @@ def _rigid(
     template: Template,
     q: NDArray[np.float64],
     *,
-    is_offset: bool,
+    along_normal: bool,
     remove_rotation: bool,
 ) -> _Rigid:
     """Rigid motions in an error of a frame's positions."""
     w = template.weights
-    if not is_offset:
+    if not along_normal:
         if not remove_rotation:
             return _Rigid(np.zeros((len(x), 3, 0)), np.zeros((0, len(x), 3)))
         r = x - w @ x
@@ -212,7 +215,7 @@ def _rigid(
     weighted = slopes * w[:, None]
     pull = _PULL * float(w @ (r**2).sum(axis=1))
     A = weighted.T @ slopes + pull * np.eye(3)
-    # Offsets, the drift taken out, lead to the turn.
+    # Normal displacements, the drift taken out, lead to the turn.
     heights = weighted.T[:, :, None] * along
     heights -= np.tensordot(weighted.T @ along, drift, axes=1)
     turn = np.linalg.solve(A, heights.reshape(3, -1)).reshape(3, len(x), 3)
@@ -295,7 +298,7 @@ def deviations_of(
         words = "the noise of the vertices"
         if noise is None:
             # Of displacements, whose noise is known.
-            noise = estimated(replace(fitter, offsets=None)).noise
+            noise = estimated(replace(fitter, normal_displacements=None)).noise
             notes = [noise.note(sequence.unit)]
         # Of vertices that count alike: by how much they count is in the fit.
         n = sequence.n_vertices
@@ -312,7 +315,7 @@ def deviations_of(
         matrices,
         parameters.reference,
         directions=fitter.frames,
-        is_offset=fitter.offsets is not None,
+        along_normal=fitter.normal_displacements is not None,
         remove_rotation=parameters.remove_rotation,
     )
     placement = template.placement

@@ -134,7 +134,8 @@ def theta_invariants(
     Parameters
     ----------
     amplitudes : (frames, modes, n) float64, length unit
-        In the frame of the body, or radial, tangential, axial, or the only one of offsets.
+        In the frame of the body, or radial, tangential, axial, or the only one of normal
+        displacements.
     modes : Modes
         Whole pairs.
     components : Components
@@ -249,8 +250,8 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
     if a.kind != b.kind:
         raise ParameterError(
             f"One signature is of the kind {a.kind}, the other of {b.kind}: displacements of "
-            "points and offsets of a surface do not compare.",
-            remedy="Fit both with kind=offset, which every surface has, or both with "
+            "points and normal displacements of a surface do not compare.",
+            remedy="Fit both with kind=normal_displacement, which every surface has, or both with "
             "kind=material, if the points of both follow the tissue.",
             details={"kinds": [a.kind.value, b.kind.value]},
         )

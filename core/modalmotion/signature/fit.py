@@ -29,7 +29,7 @@ from modalmotion.mesh.spring_modes import Modes, whole_counts
 from modalmotion.numeric.scales import exceeded_by_a_twentieth, orthonormal, root_mean_square
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import ErrorKind, SignatureKind, SignatureParameters
-from modalmotion.signature.superposition import Offsets, offsets_of
+from modalmotion.signature.superposition import NormalDisplacements, normal_displacements_of
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames, to_local
 from modalmotion.template.template import shapes_of
@@ -214,7 +214,7 @@ class Fit:
     basis : Basis
         The modes, factored.
     amplitudes : (frames, modes, n) float64, length unit
-        Of x, y, z, of the radial, tangential and axial displacement, or of the offset.
+        Of x, y, z, of the radial, tangential and axial displacement, or of the normal displacement.
     rotations : Rotations
         Removed before the fit, about the centroid of each frame.
     translations : (frames, 3) float64, length unit
@@ -263,7 +263,7 @@ class Fitter:
     parameters : SignatureParameters
     displacements : Displacements
         Of the sequence, from the reference that the parameters name.
-    offsets : Offsets or None
+    normal_displacements : NormalDisplacements or None
         What is fitted instead, where the parameters ask for it.
     """
 
@@ -271,7 +271,7 @@ class Fitter:
     template: Template
     parameters: SignatureParameters
     displacements: Displacements
-    offsets: Offsets | None = None
+    normal_displacements: NormalDisplacements | None = None
 
     @staticmethod
     def of(
@@ -288,8 +288,8 @@ class Fitter:
         )
         if parameters.kind == SignatureKind.MATERIAL:
             return Fitter(sequence, template, parameters, displacements)
-        offsets = offsets_of(displacements, template)
-        return Fitter(sequence, template, parameters, displacements, offsets)
+        normal_displacements = normal_displacements_of(displacements, template)
+        return Fitter(sequence, template, parameters, displacements, normal_displacements)
 
     def asking(self, **changes: Any) -> Fitter:
         """Fit otherwise, from the same reference: parameters that no template depends on."""
@@ -306,16 +306,16 @@ class Fitter:
         TopologyError
             If the surface has no axis to split components by.
         """
-        if self.offsets is not None:
-            return self.offsets.directions
+        if self.normal_displacements is not None:
+            return self.normal_displacements.directions
         if self.parameters.components == Components.CARTESIAN:
             return None
         return local_frames(self.template)
 
     def blocks(self) -> Iterator[DisplacementBlock]:
         """Displacements along the components' directions, in blocks of bounded memory."""
-        if self.offsets is not None:
-            yield from self.offsets.blocks
+        if self.normal_displacements is not None:
+            yield from self.normal_displacements.blocks
             return
         for block in self.displacements.blocks():
             E = self.frames
@@ -349,8 +349,8 @@ class Fitter:
             blocks.append((block.rotations.matrices, block.rotations.is_determined, block.drifts))
         matrices, determined, drifts = (np.concatenate(each) for each in zip(*blocks, strict=True))
         own = np.zeros((len(basis.modes), 3))
-        # Offsets are scalars, and the reference's own shape is none of them.
-        if self.offsets is not None or self.frames is None:
+        # Normal displacements are scalars, and the reference's own shape is none of them.
+        if self.normal_displacements is not None or self.frames is None:
             own = (shape.rest @ P).T * shape.scale
         return Fit(
             basis=basis,

@@ -238,7 +238,7 @@ def resolve_template(
         reference=parameters.reference,
         landmarks=parameters.landmarks,
         closed_form=parameters.closed_form,
-        by_rows=parameters.kind != SignatureKind.OFFSET,
+        by_rows=parameters.kind != SignatureKind.NORMAL_DISPLACEMENT,
         report=report,
     )
 

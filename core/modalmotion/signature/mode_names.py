@@ -102,7 +102,7 @@ def plain_name(
     label: ModeLabel,
     components: Components = Components.CARTESIAN,
     *,
-    is_offset: bool = False,
+    along_normal: bool = False,
 ) -> str:
     """Say in a few words how a surface moves in a mode.
 
@@ -113,15 +113,15 @@ def plain_name(
     label : ModeLabel
     components : Components
         Directions of the amplitudes, on which the look of a mode depends.
-    is_offset : bool
+    along_normal : bool
         The amplitude is along the normals.
     """
     p = label.wavenumbers
     if topology is None:
-        return "translation" if p == (0,) and not is_offset else f"shape {p[0]} of this mesh"
-    if is_offset and not any(p):
+        return "translation" if p == (0,) and not along_normal else f"shape {p[0]} of this mesh"
+    if along_normal and not any(p):
         return "all outward or all inward"
-    if is_offset:
+    if along_normal:
         return _counted(topology, p)
     is_local = components != Components.CARTESIAN
     if topology in (CUP, CYLINDER, SPHERE):

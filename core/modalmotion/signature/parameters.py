@@ -39,13 +39,14 @@ class ErrorKind(StrEnum):
 
 
 class SignatureKind(StrEnum):
-    """What amplitudes are of: displacements of points, or offsets of the surface.
+    """What amplitudes are of: displacements of points, or of the surface along its normals.
 
-    Offsets are distances along the reference's normals; they see no motion within the surface.
+    Normal displacements are distances along the reference's normals; they see no motion within the
+    surface.
     """
 
     MATERIAL = "material"
-    OFFSET = "offset"
+    NORMAL_DISPLACEMENT = "normal_displacement"
 
 
 @shown(
@@ -62,9 +63,9 @@ class SignatureParameters:
     Parameters
     ----------
     modes : int or None
-        Number of modes, three amplitudes per frame each, or one of offsets. 7 where nothing else is
-        asked for; rounded up where a cosine-sine pair would be split. None
-        where it follows from the data.
+        Number of modes, three amplitudes per frame each, or one of normal displacements. 7 where
+        nothing else is asked for; rounded up where a cosine-sine pair would be split. None where it
+        follows from the data.
     topology : str or None
         Topology: cup, cylinder, ..., or mesh for the spring modes of the mesh itself. It takes
         precedence over that of the sequence.
@@ -81,18 +82,18 @@ class SignatureParameters:
     template : str or None
         Id of a template to use in place of one made from the sequence's own reference.
     tolerance : float or None, mm
-        Error that is not exceeded, with the fewest modes that hold it.
+        Largest error allowed: the fewest modes within it are taken.
     tolerance_of : ErrorKind
-        Error that a tolerance limits: the RMS over all frames and vertices, the one by the
-        vertices' shares of the surface, or the largest of any vertex.
+        Error that a tolerance limits: the RMS over all frames and vertices, the same
+        weighted by area, or the largest of any vertex.
     auto : bool
         Stop where the residual looks like the noise of the measurement.
     harmonics : int or None
         Harmonics that each amplitude's path over time is limited to. None leaves it as it is.
     kind : SignatureKind
         Whether amplitudes follow the vertices, or measure the surface along its reference's
-        normals. OFFSET has one amplitude a mode, and does not see where on the surface the
-        vertices are: see `modalmotion.signature.superposition`.
+        normals. NORMAL_DISPLACEMENT has one amplitude a mode, and does not see where on the surface
+        the vertices are: see `modalmotion.signature.superposition`.
     volumes : bool
         Whether the signature has the volume that the surface encloses in each frame. Models may
         read it.
@@ -100,7 +101,7 @@ class SignatureParameters:
         Whether the signature has a standard deviation of each amplitude, from estimated noise.
         Of a tracked sequence, and with `auto`, it has in any case.
     amplitudes : int, optional
-        In place of `modes`: amplitudes per frame, three of a mode, or one of offsets.
+        In place of `modes`: amplitudes per frame, three of a mode, or one of normal displacements.
     """
 
     modes: int | None = None
@@ -123,7 +124,7 @@ class SignatureParameters:
         if amplitudes is not None:
             if self.modes is not None:
                 raise _several_requests(["modes", "amplitudes"])
-            n_directions = 1 if self.kind == SignatureKind.OFFSET else 3
+            n_directions = 1 if self.kind == SignatureKind.NORMAL_DISPLACEMENT else 3
             n_modes = -(-whole("amplitudes", amplitudes) // n_directions)
             object.__setattr__(self, "modes", n_modes)
         self._take_kinds()
@@ -150,18 +151,17 @@ class SignatureParameters:
             )
 
     def _require_kind(self) -> None:
-        """Refuse for offsets what only displacements have."""
+        """Refuse for normal displacements what only displacements have."""
         if self.kind == SignatureKind.MATERIAL:
             return
         if self.components != Components.CARTESIAN:
             raise ParameterError(
-                f"An offset is one number a mode, so there are no {self.components} components "
-                "of it.",
+                f"A normal displacement has one number a mode, no {self.components} components.",
                 remedy="Leave the components out, or ask for the kind material.",
             )
         if self.auto:
             raise ParameterError(
-                "The noise of vertices, where auto stops, is not known of offsets.",
+                "The noise of vertices, where auto stops, is not known of normal displacements.",
                 remedy="Ask by modes or tolerance, or for the kind material.",
             )
 
@@ -197,7 +197,7 @@ class SignatureParameters:
     @property
     def n_directions(self) -> int:
         """Number of amplitudes of a mode in each frame."""
-        return 1 if self.kind == SignatureKind.OFFSET else 3
+        return 1 if self.kind == SignatureKind.NORMAL_DISPLACEMENT else 3
 
     @property
     def closed_form(self) -> bool:

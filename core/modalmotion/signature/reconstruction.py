@@ -33,8 +33,8 @@ def reconstruct(
 ) -> NDArray[np.float64]:
     """Positions that the signature's modes and rotations represent.
 
-    Offsets move the reference along its normals: the vertices are then points of the surface, and
-    not those of the sequence.
+    Normal displacements move the reference along its normals: the vertices are then points of the
+    surface, and not those of the sequence.
 
     Parameters
     ----------
@@ -58,8 +58,8 @@ def reconstruct(
     parameters = signature.parameters
     used = fitted_on(signature, sequence, template)
     shapes, reference = shapes_of(signature.modes, used), parameters.reference
-    if parameters.kind == SignatureKind.OFFSET:
-        on = Superposition.of_offsets(sequence, used, shapes, reference=reference)
+    if parameters.kind == SignatureKind.NORMAL_DISPLACEMENT:
+        on = Superposition.of_normal_displacements(sequence, used, shapes, reference=reference)
     else:
         components = parameters.components
         on = Superposition.on(sequence, used, shapes, reference=reference, components=components)
@@ -98,20 +98,20 @@ def fitted_on(
     return resolve_template(resolved, signature.parameters, template)
 
 
-Course: TypeAlias = Literal["cubic", "linear"]
+Interpolation: TypeAlias = Literal["cubic", "linear"]
 
-_COURSES: Final[tuple[Course, ...]] = ("cubic", "linear")
+_INTERPOLATIONS: Final[tuple[Interpolation, ...]] = ("cubic", "linear")
 
-# Coordinates that the course is chosen by; and frames of which one can be left out.
+# Coordinates that the interpolation is chosen by; and frames of which one can be left out.
 _MOST_CHOSEN: Final = 1500
 _LEAST_FRAMES: Final = 5
 
 # By how much squares of errors grow where frames stand twice as far apart, of motion that is no
 # smoother than recorded ones are: a polynomial's would grow by the square of that.
-_GROWTH: Final[dict[Course, float]] = {"cubic": 2.0**4, "linear": 2.0**2}
+_GROWTH: Final[dict[Interpolation, float]] = {"cubic": 2.0**4, "linear": 2.0**2}
 
 
-@shown("sequence", "course", "rms_deviations")
+@shown("sequence", "interpolation", "rms_deviations")
 @dataclass(frozen=True, eq=False)
 class Resampled:
     """Surfaces at chosen phases.
@@ -125,14 +125,14 @@ class Resampled:
     deviations : (n, vertices) float64, length unit
         Standard deviation of each coordinate of a vertex from what a frame there would show; 0 at
         the frames themselves.
-    course : {"cubic", "linear"}
+    interpolation : {"cubic", "linear"}
         How vertices go between frames: what foresees frames that are left out better.
     """
 
     sequence: MeshSequence
     phases: NDArray[np.float64]
     deviations: NDArray[np.float64]
-    course: Course
+    interpolation: Interpolation
 
     @property
     def rms_deviations(self) -> NDArray[np.float64]:
@@ -188,11 +188,13 @@ def resample(
     x = sequence.vertices[kept].astype(np.float64).reshape(int(kept.sum()), -1)
     own = own[kept]
     some = x[:, :: max(1, x.shape[1] // _MOST_CHOSEN)]
-    errors = {course: _left_out(own, some, course, 1) for course in _COURSES}
-    course = min(_COURSES, key=lambda one: float(np.square(errors[one]).mean()))
-    left = _left_out(own, x, course, 1)
-    farther = float(np.square(_left_out(own, x, course, 2)).mean())
-    positions = _between(own, x, course, at)
+    errors = {
+        interpolation: _left_out(own, some, interpolation, 1) for interpolation in _INTERPOLATIONS
+    }
+    interpolation = min(_INTERPOLATIONS, key=lambda one: float(np.square(errors[one]).mean()))
+    left = _left_out(own, x, interpolation, 1)
+    farther = float(np.square(_left_out(own, x, interpolation, 2)).mean())
+    positions = _between(own, x, interpolation, at)
     vertices = positions.reshape(len(at), sequence.n_vertices, 3)
     moved = replace(
         sequence,
@@ -200,10 +202,10 @@ def resample(
         times=None if sequence.times is None else times[0] + at * period,
         uncertainty=None,
     )
-    here, growth = float(np.square(left).mean()), _GROWTH[course]
+    here, growth = float(np.square(left).mean()), _GROWTH[interpolation]
     smooth = min(max(farther - here, 0.0) / (growth - 1.0), here)
     scale = 1.0 - smooth * (1.0 - 1.0 / growth) / here if here else 0.0
-    return Resampled(moved, at, np.sqrt(scale) * _deviations(own, left, at), course)
+    return Resampled(moved, at, np.sqrt(scale) * _deviations(own, left, at), interpolation)
 
 
 def note_on(resampled: Resampled) -> str:
@@ -235,12 +237,12 @@ def _phases(phases: NDArray[np.float64] | list[float] | float | int) -> NDArray[
 def _between(
     own: NDArray[np.float64],
     x: NDArray[np.float64],
-    course: Course,
+    interpolation: Interpolation,
     at: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Positions at phases, through those of the frames, round the cycle."""
     around, closed = np.append(own, own[0] + 1.0), np.concatenate([x, x[:1]])
-    if course == "cubic":
+    if interpolation == "cubic":
         spline = scipy.interpolate.CubicSpline(around, closed, bc_type="periodic")
     else:
         spline = scipy.interpolate.make_interp_spline(around, closed, k=1)
@@ -249,7 +251,7 @@ def _between(
 
 
 def _left_out(
-    own: NDArray[np.float64], x: NDArray[np.float64], course: Course, reach: int
+    own: NDArray[np.float64], x: NDArray[np.float64], interpolation: Interpolation, reach: int
 ) -> NDArray[np.float64]:
     """Errors of frames foreseen from those at least `reach` away, (frames, coordinates)."""
     n = len(own)
@@ -257,7 +259,7 @@ def _left_out(
     for frame in range(n):
         apart = np.abs((np.arange(n) - frame + n // 2) % n - n // 2)
         others = apart >= reach
-        errors[frame] = x[frame] - _between(own[others], x[others], course, own[[frame]])[0]
+        errors[frame] = x[frame] - _between(own[others], x[others], interpolation, own[[frame]])[0]
     return errors
 
 

@@ -1,8 +1,9 @@
 """Modal superposition, (2) of Nastar (1994), and surfaces known along their normals.
 
-A place of the reference has one offset in each frame, the height above it at which the surface
-of that frame, its rotation and drift removed, meets the normal there (`NormalLines.heights`).
-Where vertices are on the surface does not matter: rotation and drift are the surface's own, too.
+A place of the reference has one normal displacement in each frame, the height above it at which the
+surface of that frame, its rotation and drift removed, meets the normal there
+(`NormalLines.heights`). Where vertices are on the surface does not matter: rotation and drift are
+the surface's own, too.
 """
 
 from __future__ import annotations
@@ -52,14 +53,14 @@ _SPREAD: Final = math.sqrt(2.0) - 1.0
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Offsets:
-    """Offsets of every frame.
+class NormalDisplacements:
+    """Normal displacements of every frame.
 
     Parameters
     ----------
     blocks : tuple of DisplacementBlock
-        Their displacements are the offsets, (frames, 1, vertices); their rotations and drifts are
-        those of the surface and of its area centroid.
+        Their displacements are the normal displacements, (frames, 1, vertices); their rotations and
+        drifts are those of the surface and of its area centroid.
     directions : (vertices, 1, 3) float64
         Outward unit normals of the reference.
     """
@@ -68,10 +69,10 @@ class Offsets:
     directions: NDArray[np.float64]
 
 
-def offset_reference(
+def normal_reference(
     template: Template, start: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Directions of offsets, and the place about which their rotations turn.
+    """Directions of normal displacements, and the place about which their rotations turn.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ def offset_reference(
     Raises
     ------
     TopologyError
-        As `offsets_of` says.
+        As `normal_displacements_of` says.
     """
     centre = template.weights @ start
     rest = start - centre
@@ -100,8 +101,10 @@ def offset_reference(
     return normals[:, None], centre + reference.centroid * scale
 
 
-def offsets_of(displacements: Displacements, template: Template) -> Offsets:
-    """Measure the offsets of a sequence.
+def normal_displacements_of(
+    displacements: Displacements, template: Template
+) -> NormalDisplacements:
+    """Measure the normal displacements of a sequence.
 
     Parameters
     ----------
@@ -123,7 +126,7 @@ def offsets_of(displacements: Displacements, template: Template) -> Offsets:
         u = np.zeros((len(heights), 1, len(spread)))
         u[:, 0, reference.lines.vertices] = heights
         blocks.append(DisplacementBlock(block.frames, u[:, :, spread], rotations, drifts, shape))
-    return Offsets(tuple(blocks), reference.normals[spread][:, None])
+    return NormalDisplacements(tuple(blocks), reference.normals[spread][:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +173,7 @@ def _sides_of(template: Template) -> NDArray[np.int64]:
     is_surface = template.surface is None or template.surface.n_axes == 2
     if not len(faces) or not is_surface:
         raise TopologyError(
-            "Offsets are measured along the normals of a surface, and this shape is a curve, a "
-            "volume or points.",
+            "Normal displacements need a surface, and this shape is a curve, a volume or points.",
             remedy="Ask for the kind material.",
         )
     oriented = oriented_faces(faces, template.n_vertices)
@@ -220,7 +222,7 @@ def _turned(
     reference: _Reference,
     weights: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Turn rotations of vertices into those of the surface: offsets are then least.
+    """Turn rotations of vertices into those of the surface: normal displacements are then least.
 
     A small turn w moves the surface by n . (w x r) along its normals; least squares, from the
     vertices' own rotation on, which stays where the shape determines none, as about the axis of
@@ -245,7 +247,7 @@ def _turned(
 
 
 def _to_all_vertices(template: Template) -> NDArray[np.int64]:
-    """Vertex whose offset each one takes: where it coincides with another, or is in no triangle."""
+    """Vertex whose displacement each takes: where it coincides with another or has no triangle."""
     spread = template.representatives.copy()
     if len(template.isolated):
         spread[template.isolated] = nearest_in_use(template.vertices, template.isolated)
@@ -266,7 +268,8 @@ class Superposition:
     frames : (vertices, n, 3) float64 or None
         Local directions of the components; None for x, y, z.
     holds_drift : bool
-        Whether shapes hold the path of the centroid, as displacements do and offsets do not.
+        Whether shapes hold the path of the centroid, as displacements do and normal displacements
+        do not.
     """
 
     start: NDArray[np.float64]
@@ -290,7 +293,7 @@ class Superposition:
         return Superposition(start, template.weights @ start, shapes, frames)
 
     @staticmethod
-    def of_offsets(
+    def of_normal_displacements(
         sequence: MeshSequence,
         template: Template,
         shapes: NDArray[np.float64],
@@ -299,7 +302,7 @@ class Superposition:
     ) -> Superposition:
         """Superpose shapes along the normals of a reference."""
         start = reference_positions(sequence, reference)
-        directions, centre = offset_reference(template, start)
+        directions, centre = normal_reference(template, start)
         return Superposition(start, centre, shapes, directions, holds_drift=False)
 
     def positions(

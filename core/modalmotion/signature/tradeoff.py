@@ -341,11 +341,11 @@ def measure_tradeoff(
         requested.
     """
     parameters = SignatureParameters() if parameters is None else parameters
-    if parameters.kind == SignatureKind.OFFSET:
+    if parameters.kind == SignatureKind.NORMAL_DISPLACEMENT:
         raise ParameterError(
-            "The trade is measured of displacements, and offsets were requested.",
+            "The trade is measured of displacements, and normal displacements were requested.",
             remedy="Leave the kind out, or ask for the signature itself by tolerance: its errors "
-            "are of the offsets.",
+            "are of the normal displacements.",
         )
     most_modes = whole("most_modes", most_modes)
     limit = None if parameters.tolerance is None else limit_of(parameters, sequence)

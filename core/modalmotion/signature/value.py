@@ -31,8 +31,8 @@ class ModalSignature(Saved, Plotted):
     modes : Modes
         In closed form; or, where the surface has no natural coordinates, of its own mesh.
     amplitudes : (frames, modes, n) float64, `unit`
-        Along the three directions that `parameters.components` names; of offsets (n = 1) along
-        the reference's outward normals.
+        Along the three directions that `parameters.components` names; of normal displacements
+        (n = 1) along the reference's outward normals.
     angular_frequencies : (modes,) float64, rad per s
         Continuum limit w = c k on `lengths`, with c = 1 length unit per s.
     rotations : Rotations
@@ -45,12 +45,13 @@ class ModalSignature(Saved, Plotted):
         (`parameters.volumes`) and the surface encloses one: see `Cavity.volume`.
     translations : (frames, 3) float64, `unit`
         Path of the weighted centroid from the reference's. It is part of the amplitudes too,
-        and needed beside them where they are not along x, y, z. Of offsets: path of the surface's
-        area centroid, which was removed before the fit.
+        and needed beside them where they are not along x, y, z. Of normal displacements: path of
+        the surface's area centroid, which was removed before the fit.
     rms_errors, p95_errors, max_errors : (frames,) float64, `unit`
         RMS, 95th percentile and maximum of the distances between vertices and their
-        reconstruction in each frame, over all vertices alike: docs/error.md. Of offsets: between
-        the surface and the reconstruction, along the normal at each vertex of the reference.
+        reconstruction in each frame, over all vertices alike: docs/error.md. Of normal
+        displacements: between the surface and the reconstruction, along the normal at each vertex
+        of the reference.
     weighted_rms_errors : (frames,) float64, `unit`
         RMS of these distances over the surface, each vertex by its share of it.
     motion_rms, weighted_motion_rms : (frames,) float64, `unit`
@@ -116,7 +117,7 @@ class ModalSignature(Saved, Plotted):
 
     @property
     def kind(self) -> SignatureKind:
-        """What the amplitudes are of: displacements of points, or offsets of the surface."""
+        """What the amplitudes are of: displacements of points, or of the surface along normals."""
         return self.parameters.kind
 
     @property
@@ -137,11 +138,11 @@ class ModalSignature(Saved, Plotted):
         -------
         (frames, modes, n) float64, `unit`
             Along theta_zero, across it, and along the axis; radial, tangential and axial ones
-            are in that frame already, and so are offsets; so, by convention, are those of a
-            surface without an axis.
+            are in that frame already, and so are normal displacements; so, by convention, are those
+            of a surface without an axis.
         """
         is_cartesian = self.parameters.components == Components.CARTESIAN
-        if self.landmarks is None or not is_cartesian or self.kind == SignatureKind.OFFSET:
+        if self.landmarks is None or not is_cartesian or self.kind != SignatureKind.MATERIAL:
             return self.amplitudes
         turned: NDArray[np.float64] = self.amplitudes @ body_frame(self.landmarks).T
         return turned

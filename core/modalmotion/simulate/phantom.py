@@ -179,7 +179,7 @@ def simulate_images(
     rows = truth.vertices.astype(np.float64).reshape(n_frames, 32, 64, 3)
     anatomy = Anatomy(truth, rng, settings.trabeculae, settings.trabecular_variation)
     bias = _bias(settings, rows.mean(axis=(0, 1, 2)), rng)
-    sight = _Sight(anatomy.lattice, anatomy.texture, _LOOKS[kind], settings, bias)
+    imaging = _Imaging(anatomy.lattice, anatomy.texture, _LOOKS[kind], settings, bias)
     spacing = settings.coarseness * np.array(_LOOKS[kind].spacing)
     if kind is ImageKind.CINE:
         geometry = _cine_planes(rows, spacing)
@@ -195,7 +195,7 @@ def simulate_images(
         if not settings.papillary:
             moment = replace(moment, papillary=np.full_like(moment.cavity, 99.0))
         own = [
-            _taken(g, kind, moment, sight, shifts[k : k + g.shape[2]], rng)
+            _taken(g, kind, moment, imaging, shifts[k : k + g.shape[2]], rng)
             for k, g in enumerate(geometry)
         ]
         frames.append(_image(kind, geometry, own))
@@ -235,7 +235,7 @@ class _Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sight:
+class _Imaging:
     """Conversion of tissues to brightness."""
 
     lattice: FieldLattice
@@ -275,19 +275,19 @@ def _taken(
     grid: _Grid,
     kind: ImageKind,
     moment: Tissues,
-    sight: _Sight,
+    imaging: _Imaging,
     shifts: Floats,
     rng: np.random.Generator,
 ) -> NDArray[np.int16]:
     """Take one image: brightness, mean through slices, point spread, noise."""
-    is_even = sight.settings.inflow == 0
-    flow = np.zeros(len(moment.cavity)) if is_even else sight.lattice.flow(rng)
-    values = sight.of(moment, grid.points(shifts), flow)
+    is_even = imaging.settings.inflow == 0
+    flow = np.zeros(len(moment.cavity)) if is_even else imaging.lattice.flow(rng)
+    values = imaging.of(moment, grid.points(shifts), flow)
     i, j, k = grid.shape
     values = values.reshape(i, j, k, grid.n_through).mean(axis=3)
     is_thin = kind in (ImageKind.CT, ImageKind.ECHO)
     values = scipy.ndimage.gaussian_filter(values, [0.5, 0.5, 0.5 if is_thin else 0.0])
-    sd = sight.settings.noise
+    sd = imaging.settings.noise
     if kind is ImageKind.ECHO:
         waves = scipy.ndimage.gaussian_filter(
             rng.normal(size=(2, *values.shape)), (0.0, 0.8, 0.8, 0.8)

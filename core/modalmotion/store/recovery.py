@@ -1,4 +1,4 @@
-"""Index and folder compared, and brought together: verified, rebuilt, and settled after a crash."""
+"""The index compared with the folder: verified, rebuilt, and repaired after a crash."""
 
 from __future__ import annotations
 

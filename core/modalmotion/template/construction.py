@@ -460,7 +460,7 @@ def _notes_on_landmarks(coordinates: Coordinates) -> list[str]:
 
 
 def _places_wanted(topology: Topology, weak: str = "axis") -> str:
-    """Name the landmarks that settle a weak one, and the option that states them."""
+    """Name the landmarks that determine a weak one, and the option that states them."""
     used = LANDMARKS_ON.get(topology.name, ())
     wanted = [weak] if weak in used else [name for name in used if name != "theta_zero"]
     if weak == "axis":

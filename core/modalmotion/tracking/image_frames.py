@@ -29,7 +29,7 @@ from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import start_shape
 from modalmotion.tracking.image_levels import as_bright, first_sight
 from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
-from modalmotion.tracking.image_view import Facets, Sight, View, view_of
+from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
 from modalmotion.tracking.iterations import first_guess, paths_from
 from modalmotion.tracking.landmarks import Proposed, with_landmarks
 from modalmotion.tracking.moving_base import HELD, base_by_volume, ends_of_cup
@@ -63,14 +63,14 @@ def with_end(
     )
 
 
-def below_base(sight: Sight, marks: Frame, template: Template) -> Sight:
-    """Sight of one frame, to which edges beyond the base do not count."""
+def below_base(imaging: Imaging, marks: Frame, template: Template) -> Imaging:
+    """Imaging of one frame, to which edges beyond the base do not count."""
     known = ends_in(marks).get("base")
     if template.surface != CUP or known is None:
-        return sight
+        return imaging
     tip, base = ends_of_cup(template)
     axis = (base - tip) / np.linalg.norm(base - tip)
-    return replace(sight, valve=(axis, float(known @ axis) + _BEYOND))
+    return replace(imaging, valve=(axis, float(known @ axis) + _BEYOND))
 
 
 # Modes and reach, mm, of each next frame.
@@ -93,7 +93,7 @@ class ImageFrames:
         The reference frame's shape.
     facets : Facets
     papillary : {"pool", "wall"}
-    sight : Sight
+    imaging : Imaging
     found : (frames,) float64
         Share of the profiles with an edge.
     notes : tuple of str
@@ -111,7 +111,7 @@ class ImageFrames:
     start: MeshSequence
     facets: Facets
     papillary: Papillary
-    sight: Sight
+    imaging: Imaging
     found: Floats
     notes: tuple[str, ...]
     stated_sd: float
@@ -179,7 +179,7 @@ def frames_of_images(
     first = first_sight(image, places["apex"], places["base"], reference)
     n_planes = len(image) if isinstance(image, PlaneSet) else 1
     middle = (places["apex"] + places["base"]) / 2.0
-    sight = Sight(first.levels, np.zeros(3), middle, np.zeros((n_planes, 3)))
+    imaging = Imaging(first.levels, np.zeros(3), middle, np.zeros((n_planes, 3)))
     if start is None:
         rough = start_shape(CUP, first.points, places)
     elif isinstance(start, Template):
@@ -187,11 +187,11 @@ def frames_of_images(
     else:
         rough = start
     here = stated[reference]
-    begin = reference_shape(rough, image, here, sight, reference, first.points)
-    if has_trabeculae(image, begin.shape, begin.sight, SHAPE[1]):
-        sight = replace(sight, has_layers=True)
-        begin = reference_shape(rough, image, here, sight, reference, first.points)
-    shape, sight = begin.shape, begin.sight
+    begin = reference_shape(rough, image, here, imaging, reference, first.points)
+    if has_trabeculae(image, begin.shape, begin.imaging, SHAPE[1]):
+        imaging = replace(imaging, has_layers=True)
+        begin = reference_shape(rough, image, here, imaging, reference, first.points)
+    shape, imaging = begin.shape, begin.imaging
     done()
     template = make_template(shape)
     surface = Deformable.of(template, modes)
@@ -201,16 +201,16 @@ def frames_of_images(
         tip, base = ends_of_cup(template)
         tips = with_end(stated, reference, "apex", tip, _TIP)
         marks = with_end(tips, reference, "base", base + _DESCENT * (tip - base), HELD)
-    walked = _walk(surface, facets, images, marks, sight, reference, is_closed, done)
+    walked = _walk(surface, facets, images, marks, imaging, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
     if is_cup and marks != tips:
         by_volume, _ = base_by_volume(stated, template, reference, shapes)
         marks = with_end(tips, reference, "base", by_volume, HELD)
     near = _NEXT[-1][1]
     views: list[View | None] = []
-    looks: list[Sight] = []
+    looks: list[Imaging] = []
     for k, (own, x) in enumerate(zip(images.frames, shapes, strict=True)):
-        look = sight if k == reference else below_base(sight, marks[k], template)
+        look = imaging if k == reference else below_base(imaging, marks[k], template)
         look = look.within(near)
         view = None if own is None else view_of(own, facets, x, look, near)
         if own is not None and view is not None and k != reference:
@@ -221,7 +221,7 @@ def frames_of_images(
         done()
     shares = np.array([0.0 if view is None else view.found for view in views])
     closed = np.zeros(len(views))
-    if sight.has_layers:
+    if imaging.has_layers:
         views, closed = with_trabeculae(views, looks, surface, shapes, reference)
     frames: list[Frame] = []
     for view, share, known, marked in zip(views, shares, stated, tips, strict=True):
@@ -233,7 +233,7 @@ def frames_of_images(
         shape,
         facets,
         papillary,
-        sight,
+        imaging,
         shares,
         _notes(shares, images, begin.found),
         stated_sd,
@@ -252,7 +252,7 @@ def _walk(
     facets: Facets,
     images: ImageSequence,
     marks: tuple[Frame, ...],
-    sight: Sight,
+    imaging: Imaging,
     reference: int,
     is_closed: bool,
     done: Callable[[], None],
@@ -265,7 +265,7 @@ def _walk(
         for k in path:
             image = images.frames[k]
             if image is not None:
-                look = below_base(sight, marks[k], surface.template)
+                look = below_base(imaging, marks[k], surface.template)
                 a = _next(surface, facets, image, marks[k], a, look)
             amplitudes[k] = a
             done()
@@ -273,7 +273,7 @@ def _walk(
 
 
 def _next(
-    surface: Deformable, facets: Facets, image: Image, marks: Frame, a: Floats, sight: Sight
+    surface: Deformable, facets: Facets, image: Image, marks: Frame, a: Floats, imaging: Imaging
 ) -> Floats:
     for modes, reach in _NEXT:
         coarse = surface if modes >= len(surface) else Deformable.of(surface.template, modes)
@@ -290,7 +290,7 @@ def _next(
             a[:m],
             prior,
             noise,
-            sight.within(reach),
+            imaging.within(reach),
             reach,
             is_known=True,
         )
@@ -348,7 +348,7 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
         Its deviations with those that residuals do not show: of a bias that all edges have in
         common, and of bent stacks of slices.
     """
-    images, sight = images.sliced(), found.sight
+    images, imaging = images.sliced(), found.imaging
     shapes = track.sequence.vertices.astype(np.float64)
     first = next(frame for frame in images.frames if frame is not None)
     is_sliced = isinstance(first, PlaneSet)
@@ -364,13 +364,13 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
     volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
     answer = ImageAnswer(
         found.papillary,
-        papillary_volume(images.frames, shapes, volumes, found.facets, sight),
-        sight.levels.inside,
-        sight.levels.outside,
-        sight.levels.spread,
-        tuple(sight.slope.tolist()),
-        tuple(tuple(row) for row in sight.shifts.tolist()) if is_sliced else (),
-        sight.shift_sd if is_sliced else 0.0,
+        papillary_volume(images.frames, shapes, volumes, found.facets, imaging),
+        imaging.levels.inside,
+        imaging.levels.outside,
+        imaging.levels.spread,
+        tuple(imaging.slope.tolist()),
+        tuple(tuple(row) for row in imaging.shifts.tolist()) if is_sliced else (),
+        imaging.shift_sd if is_sliced else 0.0,
         tuple(found.found.tolist()),
         localisation,
         float(np.sqrt(np.average(found.bent**2, weights=track.template.weights))),
@@ -388,7 +388,11 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
 
 
 def papillary_volume(
-    images: Iterable[Image | None], shapes: Floats, volumes: Floats, facets: Facets, sight: Sight
+    images: Iterable[Image | None],
+    shapes: Floats,
+    volumes: Floats,
+    facets: Facets,
+    imaging: Imaging,
 ) -> float:
     """Volume within the surface that looks like the outside, mm^3: the median of the frames.
 
@@ -398,10 +402,10 @@ def papillary_volume(
     shapes : (frames, vertices, 3) float64, mm
     volumes : (frames,) float64, mm^3
     facets : Facets
-    sight : Sight
+    imaging : Imaging
     """
     own = [
-        _share(image, x, facets, sight) * volume
+        _share(image, x, facets, imaging) * volume
         for image, x, volume in zip(images, shapes, volumes, strict=True)
         if image is not None
     ]
@@ -414,7 +418,7 @@ def _side(image: Image) -> float:
     return float(np.median(image.spacing))
 
 
-def _share(image: Image, x: Floats, facets: Facets, sight: Sight) -> float:
+def _share(image: Image, x: Floats, facets: Facets, imaging: Imaging) -> float:
     """Share of the cavity, weighted by volume, that is like the outside."""
     corners = x[facets.faces]
     middle = x.mean(axis=0)
@@ -429,14 +433,14 @@ def _share(image: Image, x: Floats, facets: Facets, sight: Sight) -> float:
     is_deep = (depths > _SHELL * _side(image)).ravel()
     if isinstance(image, PlaneSet):
         near = [np.abs(plane.heights(points)) < plane.thickness / 2 for plane in image.planes]
-        views = zip(image.planes, near, sight.shifts, strict=True)
+        views = zip(image.planes, near, imaging.shifts, strict=True)
         values = np.concatenate([p.sample(points[own] + shift) for p, own, shift in views])
         rows = np.concatenate([np.flatnonzero(own) for own in near])
         points, weights, is_deep = points[rows], weights[rows], is_deep[rows]
     else:
         values = image.sample(points)
     there = np.isfinite(values)
-    dark = (1.0 - sight.levels.likeness(values[there], sight.gain(points[there]))) / 2.0
+    dark = (1.0 - imaging.levels.likeness(values[there], imaging.gain(points[there]))) / 2.0
     # What noise does to blood on either side cancels in the mean.
     muscle = (weights[there] * is_deep[there] * np.clip(dark, -0.5, 1.5)).sum()
     total = float(weights[there].sum())

@@ -13,7 +13,7 @@ from modalmotion.images import Plane, Volume
 from modalmotion.images.edges import Levels
 from modalmotion.images.sequence import Image
 from modalmotion.tracking.closest import across
-from modalmotion.tracking.image_view import Sight, View
+from modalmotion.tracking.image_view import Imaging, View
 
 Floats = NDArray[np.float64]
 
@@ -123,22 +123,22 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
     return FirstSight(levels, places)
 
 
-def renewed(sight: Sight, view: View) -> Sight:
+def renewed(imaging: Imaging, view: View) -> Imaging:
     """Find levels and bias field next to the edges that a view found: linear in place.
 
     Where layers are next to the edges, blood is looked for beyond them.
     """
-    inner, outer = view.beside(is_deep=sight.has_layers)
-    x = view.starts[view.edges.is_found] - sight.middle
+    inner, outer = view.beside(is_deep=imaging.has_layers)
+    x = view.starts[view.edges.is_found] - imaging.middle
     ok = np.isfinite(inner) & np.isfinite(outer)
     if ok.sum() < 4 * _N_TURNS:
-        return sight
+        return imaging
     inner, outer, x = inner[ok], outer[ok], x[ok]
     spread = _spread(view)
-    gain = 1.0 + x @ sight.slope
+    gain = 1.0 + x @ imaging.slope
     # Labels have no noise: all errors of more than a thousandth count alike.
-    least = 1e-3 * abs(sight.levels.inside - sight.levels.outside)
-    inside, outside, slope = sight.levels.inside, sight.levels.outside, sight.slope
+    least = 1e-3 * abs(imaging.levels.inside - imaging.levels.outside)
+    inside, outside, slope = imaging.levels.inside, imaging.levels.outside, imaging.slope
     for _ in range(4):
         inside, outside = float(np.median(inner / gain)), float(np.median(outer / gain))
         # Both sides, I (1 + c x) and O (1 + c x): c by least absolute deviations, reweighted.
@@ -149,22 +149,22 @@ def renewed(sight: Sight, view: View) -> Sight:
         ridge = 1e-3 * float((w[:, None] * rows * rows).sum()) / 3.0 * np.eye(3)
         slope = np.linalg.solve(rows.T @ (w[:, None] * rows) + ridge, rows.T @ (w * left))
         gain = np.clip(1.0 + x @ slope, 0.4, 1.8)
-    if (inside - outside) * (sight.levels.inside - sight.levels.outside) <= 0:
-        return sight
-    return replace(sight, levels=Levels(inside, outside, spread), slope=slope)
+    if (inside - outside) * (imaging.levels.inside - imaging.levels.outside) <= 0:
+        return imaging
+    return replace(imaging, levels=Levels(inside, outside, spread), slope=slope)
 
 
-def as_bright(sight: Sight, view: View) -> Sight:
+def as_bright(imaging: Imaging, view: View) -> Imaging:
     """Find the levels of another frame: contrast agents and gain change from frame to frame.
 
     Each frame begins anew with the levels of the reference, and leaves them by `_APART` of the
     contrast at most, so that nothing drifts.
     """
-    own, found = sight.levels, renewed(sight, view).levels
+    own, found = imaging.levels, renewed(imaging, view).levels
     most = _APART * abs(own.inside - own.outside)
     inside = own.inside + float(np.clip(found.inside - own.inside, -most, most))
     outside = own.outside + float(np.clip(found.outside - own.outside, -most, most))
-    return replace(sight, levels=Levels(inside, outside, own.spread))
+    return replace(imaging, levels=Levels(inside, outside, own.spread))
 
 
 def _spread(view: View) -> float:

@@ -16,7 +16,7 @@ from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.image_levels import renewed
-from modalmotion.tracking.image_view import Facets, Sight, View, view_of
+from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
 from modalmotion.tracking.iterations import FrameEstimate, evidence, first_guess, map_frame
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
@@ -41,7 +41,7 @@ class Scene(NamedTuple):
     amplitudes : (modes, 3) float64, mm
     prior : Prior
     noise : Noise
-    sight : Sight
+    imaging : Imaging
     """
 
     surface: Deformable
@@ -50,7 +50,7 @@ class Scene(NamedTuple):
     amplitudes: Floats
     prior: Prior
     noise: Noise
-    sight: Sight
+    imaging: Imaging
 
 
 class _Joint(NamedTuple):
@@ -63,7 +63,7 @@ class _Joint(NamedTuple):
     pull: Floats
 
 
-def with_shifts(scene: Scene) -> tuple[FrameEstimate, Sight]:
+def with_shifts(scene: Scene) -> tuple[FrameEstimate, Imaging]:
     """Amplitudes and shifts of all planes in one step, for either could explain the other's part.
 
     Notes
@@ -71,7 +71,7 @@ def with_shifts(scene: Scene) -> tuple[FrameEstimate, Sight]:
     min sum s (n . (r - dt) - (phi n) . da)^2 + a' K a + t^2 / tau^2 over da and dt, where r is the
     way from the surface to an edge and n the surface's normal, for dt its part in the plane.
     """
-    joint, sight = _joint(scene), scene.sight
+    joint, imaging = _joint(scene), scene.imaging
     n, now = 3 * len(scene.surface), scene.amplitudes.ravel()
     b = joint.info.vector - (joint.H @ now[:, None])[:, 0]
     inverse = inverse_of_cholesky(np.block([[joint.H, joint.C], [joint.C.T, joint.D]]))
@@ -79,13 +79,13 @@ def with_shifts(scene: Scene) -> tuple[FrameEstimate, Sight]:
     step = (inverse.T @ (inverse @ right))[:, 0]
     covariance = gram(inverse)
     own = np.ascontiguousarray(covariance[:n, :n])
-    settled = FrameEstimate((now + step[:n]).reshape(-1, 3), joint.info, own)
-    shifts = sight.shifts + step[n:].reshape(-1, 3)
+    estimate = FrameEstimate((now + step[:n]).reshape(-1, 3), joint.info, own)
+    shifts = imaging.shifts + step[n:].reshape(-1, 3)
     # What the images have set of them, of both axes of each plane; the third stays the prior's.
-    set_by = shifts.size - np.diag(covariance)[n:].sum() / sight.shift_sd**2
+    set_by = shifts.size - np.diag(covariance)[n:].sum() / imaging.shift_sd**2
     sd = float(np.sqrt((shifts**2).sum() / max(set_by, 1e-3 * len(shifts))))
     sd = float(np.clip(sd, _LEAST_SHIFT, _MOST_SHIFT))
-    return settled, replace(sight, shifts=shifts, shift_sd=sd)
+    return estimate, replace(imaging, shifts=shifts, shift_sd=sd)
 
 
 def left_by_shifts(scene: Scene, normals: Floats) -> Floats:
@@ -116,7 +116,7 @@ def left_by_shifts(scene: Scene, normals: Floats) -> Floats:
 
 
 def _joint(scene: Scene) -> _Joint:
-    surface, frame, view, a, prior, noise, sight = scene
+    surface, frame, view, a, prior, noise, imaging = scene
     info = normal_equations(surface, a, frame, noise)
     rows = frame[0]
     counted = info.weights * (1.0 if rows.weights is None else rows.weights)
@@ -127,13 +127,15 @@ def _joint(scene: Scene) -> _Joint:
     flat = (n * e).sum(axis=1, keepdims=True) * e
     phi = (view.shares[k][:, :, None] * surface.shapes[view.feet[k]]).sum(axis=1)
     of_shape = (phi[:, :, None] * n[:, None, :]).reshape(len(n), -1)
-    of_shifts = np.zeros((len(n), *sight.shifts.shape))
+    of_shifts = np.zeros((len(n), *imaging.shifts.shape))
     of_shifts[np.arange(len(n)), view.planes[k]] = flat
     of_shifts = of_shifts.reshape(len(n), -1)
     weighted = np.ascontiguousarray((strength[:, None] * of_shifts).T)
     C = np.ascontiguousarray((weighted @ of_shape).T)
-    D = (weighted @ of_shifts) + np.eye(sight.shifts.size) / sight.shift_sd**2
-    pull = weighted @ (info.residuals * n).sum(axis=1) - sight.shifts.ravel() / sight.shift_sd**2
+    D = (weighted @ of_shifts) + np.eye(imaging.shifts.size) / imaging.shift_sd**2
+    pull = (
+        weighted @ (info.residuals * n).sum(axis=1) - imaging.shifts.ravel() / imaging.shift_sd**2
+    )
     stiffness = surface.stiffness(prior.variances(surface.wavenumbers))
     return _Joint(info, info.matrix + stiffness, C, D, pull)
 
@@ -151,7 +153,7 @@ def search(
     start: Floats,
     prior: Prior,
     noise: Noise,
-    sight: Sight,
+    imaging: Imaging,
     reach: float,
     *,
     is_known: bool,
@@ -168,7 +170,7 @@ def search(
     start : (modes, 3) float64, mm
     prior : Prior
     noise : Noise
-    sight : Sight
+    imaging : Imaging
     reach : float, mm
     is_known : bool
         Whether levels, bias field, shifts of slices, prior and noise are known, or estimated with
@@ -180,23 +182,23 @@ def search(
         Its view is about the shape before the last step.
     """
     a = start
-    view = view_of(image, facets, surface.positions(a), sight, reach)
+    view = view_of(image, facets, surface.positions(a), imaging, reach)
     for step in range(_MOST_STEPS):
         frame: Frame = (view.observation(), *marks)
         variances = prior.variances(surface.wavenumbers)
         if not is_known and isinstance(image, PlaneSet):
-            own, sight = with_shifts(Scene(surface, frame, view, a, prior, noise, sight))
+            own, imaging = with_shifts(Scene(surface, frame, view, a, prior, noise, imaging))
         else:
             own = map_frame(surface, frame, a, variances, noise, most_steps=2)
         change = float(np.linalg.norm(own.amplitudes - a))
         a = own.amplitudes
         if not is_known and step:
             prior, noise = evidence(surface, [own], prior)
-            sight = renewed(sight, view)
+            imaging = renewed(imaging, view)
         if change < _SMALL:
             break
-        view = view_of(image, facets, surface.positions(a), sight, reach)
-    return Scene(surface, (view.observation(), *marks), view, a, prior, noise, sight)
+        view = view_of(image, facets, surface.positions(a), imaging, reach)
+    return Scene(surface, (view.observation(), *marks), view, a, prior, noise, imaging)
 
 
 # Modes and reach, mm: of a start from landmarks, and of the shape that is taken.
@@ -214,7 +216,7 @@ class ReferenceShape(NamedTuple):
     ----------
     shape : MeshSequence
         One frame, mm.
-    sight : Sight
+    imaging : Imaging
     found : float
         Share of the profiles with an edge.
     bent : (vertices,) float64, mm
@@ -222,7 +224,7 @@ class ReferenceShape(NamedTuple):
     """
 
     shape: MeshSequence
-    sight: Sight
+    imaging: Imaging
     found: float
     bent: Floats
 
@@ -231,7 +233,7 @@ def reference_shape(
     rough: MeshSequence,
     image: Image,
     marks: Frame,
-    sight: Sight,
+    imaging: Imaging,
     number: int,
     points: Floats,
 ) -> ReferenceShape:
@@ -244,7 +246,7 @@ def reference_shape(
     image : Volume or PlaneSet
     marks : Frame
         Landmarks of this frame.
-    sight : Sight
+    imaging : Imaging
     number : int
         Of the frame.
     points : (n, 3) float64, mm
@@ -276,11 +278,11 @@ def reference_shape(
             a,
             prior,
             noise,
-            sight.within(reach),
+            imaging.within(reach),
             reach,
             is_known=is_cold,
         )
-        a, sight, found = state.amplitudes, state.sight, state.view.found
+        a, imaging, found = state.amplitudes, state.imaging, state.view.found
     if found < LEAST_FOUND:
         raise ShapeError(
             f"No object is seen in frame {number}: on {found:.0%} of the profiles across the "
@@ -294,4 +296,4 @@ def reference_shape(
     fitted = mesh_sequence(x[None], rough.faces, grid=rough.grid, topology=rough.topology)
     if isinstance(image, PlaneSet):
         bent = left_by_shifts(state, facets.normals(x))
-    return ReferenceShape(fitted, sight, found, bent)
+    return ReferenceShape(fitted, imaging, found, bent)

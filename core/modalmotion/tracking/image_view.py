@@ -98,8 +98,8 @@ class Facets:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """How images are read, anchored at the reference.
+class Imaging:
+    """Brightness, bias field and displaced planes of images, anchored at the reference.
 
     Parameters
     ----------
@@ -128,8 +128,8 @@ class Sight:
     valve: tuple[Floats, float] | None = None
     has_layers: bool = False
 
-    def within(self, reach: float) -> Sight:
-        """Sight for edges up to `reach` mm away."""
+    def within(self, reach: float) -> Imaging:
+        """Return the same for edges up to `reach` mm away."""
         return replace(self, crossing=FAR_CROSSING if reach > _NEAR else NEAR_CROSSING)
 
     def gain(self, points: Floats) -> Floats:
@@ -211,7 +211,7 @@ def view_of(
     image: Image,
     facets: Facets,
     x: Floats,
-    sight: Sight,
+    imaging: Imaging,
     reach: float,
     *,
     layers: Literal["distinct", "faint"] = "faint",
@@ -223,28 +223,28 @@ def view_of(
     image : Volume or PlaneSet
     facets : Facets
     x : (vertices, 3) float64, mm
-    sight : Sight
+    imaging : Imaging
     reach : float, mm
     layers : {"distinct", "faint"}
-        Which ones are told from blood, where the sight knows any.
+        Which ones are told from blood, where the imaging knows any.
     """
     if isinstance(image, Volume):
         view = _through_volume(image, facets, x, reach)
     else:
-        view = _in_planes(image, facets, x, sight.shifts, reach)
-    like = sight.levels.likeness(view.profiles, sight.gain(view.starts)[:, None])
+        view = _in_planes(image, facets, x, imaging.shifts, reach)
+    like = imaging.levels.likeness(view.profiles, imaging.gain(view.starts)[:, None])
     step = float(view.offsets[1] - view.offsets[0])
-    layer = sight.levels.layer if layers == "distinct" else sight.levels.faint_layer
-    layer = layer if sight.has_layers else -np.inf
-    edges = find_edges(like, step, reach, view.extents, sight.crossing, layer)
-    if not sight.levels.is_labelled:
+    layer = imaging.levels.layer if layers == "distinct" else imaging.levels.faint_layer
+    layer = layer if imaging.has_layers else -np.inf
+    edges = find_edges(like, step, reach, view.extents, imaging.crossing, layer)
+    if not imaging.levels.is_labelled:
         edges = edges._replace(offsets=edges.offsets + view.drawn)
     # Most of what an edge is judged by must be in the field of view.
     near = np.abs(view.offsets[None] - edges.offsets[:, None]) < 3.0
     seen = (np.isfinite(view.profiles) | ~near).all(axis=1)
     places = view.starts + edges.offsets[:, None] * view.directions
-    if sight.valve is not None:
-        axis, highest = sight.valve
+    if imaging.valve is not None:
+        axis, highest = imaging.valve
         seen &= places @ axis <= highest
     return replace(view, edges=edges._replace(is_found=edges.is_found & seen))
 

@@ -102,9 +102,9 @@ class Iteration:
     def amplitudes(self, n_modes: int) -> NDArray[np.float64]:
         """Amplitudes, (frames, n_modes, 3); those of a missing frame are its neighbour's."""
         full = np.zeros((len(self.frames), n_modes, 3))
-        for k, settled in enumerate(self.frames):
-            if settled is not None:
-                full[k, : len(settled.amplitudes)] = settled.amplitudes
+        for k, estimate in enumerate(self.frames):
+            if estimate is not None:
+                full[k, : len(estimate.amplitudes)] = estimate.amplitudes
             elif k:
                 full[k] = full[k - 1]
         return full
@@ -120,7 +120,7 @@ def both_ways(
     is_closed: bool,
     done: Callable[[], None],
 ) -> Iteration:
-    """Settle frame after frame from the reference on, round a cycle in both ways until they meet.
+    """Estimate frame after frame from the reference on, round a cycle in both ways until they meet.
 
     Parameters
     ----------
@@ -135,12 +135,12 @@ def both_ways(
     """
     n = len(frames)
     variances = prior.variances(surface.wavenumbers)
-    settled: list[FrameEstimate | None] = [None] * n
+    estimates: list[FrameEstimate | None] = [None] * n
 
     def walk(path: Sequence[int], a: NDArray[np.float64]) -> NDArray[np.float64]:
         for k in path:
             if any(len(part) for part in frames[k]):
-                settled[k] = own = map_frame(surface, frames[k], a, variances, noise)
+                estimates[k] = own = map_frame(surface, frames[k], a, variances, noise)
                 a = own.amplitudes
             done()
         return a
@@ -148,7 +148,7 @@ def both_ways(
     first = walk([reference], np.zeros((len(surface), 3)))
     for path in paths_from(reference, n, is_closed=is_closed):
         walk(path, first)
-    return Iteration(settled)
+    return Iteration(estimates)
 
 
 def paths_from(first: int, n: int, *, is_closed: bool) -> tuple[list[int], list[int]]:
@@ -168,19 +168,19 @@ def again(
     noise: Noise,
     done: Callable[[], None],
 ) -> Iteration:
-    """Settle all frames from where they are, amplitudes (frames, modes, 3)."""
+    """Estimate all frames again from where they are, amplitudes (frames, modes, 3)."""
     variances = prior.variances(surface.wavenumbers)
-    settled: list[FrameEstimate | None] = []
+    estimates: list[FrameEstimate | None] = []
     for frame, a in zip(frames, before, strict=True):
         seen = any(len(part) for part in frame)
-        settled.append(map_frame(surface, frame, a, variances, noise) if seen else None)
+        estimates.append(map_frame(surface, frame, a, variances, noise) if seen else None)
         done()
-    return Iteration(settled)
+    return Iteration(estimates)
 
 
 def evidence(
     surface: Deformable,
-    settled: Sequence[FrameEstimate | None],
+    estimates: Sequence[FrameEstimate | None],
     prior: Prior,
     *,
     is_exact: bool = True,
@@ -192,7 +192,7 @@ def evidence(
     n = len(surface)
     energies, determined = np.zeros(n), np.zeros(n)
     v = prior.variances(surface.wavenumbers)
-    kept = [own for own in settled if own is not None]
+    kept = [own for own in estimates if own is not None]
     for own in kept:
         energies += (own.amplitudes**2).sum(axis=1)
         share = 1.0 - np.diag(own.covariance).reshape(-1, 3) / v[:, None]

@@ -92,7 +92,7 @@ def from_labels(images: ImageSequence, labels: Sequence[int] = ()) -> Labelled:
     return Labelled(ImageSequence(frames, images.times, images.period, own), marks)
 
 
-def doubts_of_places(
+def notes_on_landmarks(
     images: ImageSequence, landmarks: Mapping[str, Floats], reference: int
 ) -> tuple[str, ...]:
     """Note stated landmarks that are more than 2 mm outside all that is labelled.

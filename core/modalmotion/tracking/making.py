@@ -197,7 +197,7 @@ def track(
         topology=template.topology,
         times=at,
         unit=unit,
-        facts=Facts(tracking="offset", period=period),
+        facts=Facts(tracking="normal_displacement", period=period),
     )
     uncertainty = uncertainty_of(
         template, surface.shapes, across, found.lasting, truncations, noise.n_values, pinned

@@ -1,4 +1,4 @@
-"""What is asked of a track beside its observations, the same at every door."""
+"""Parameters of a track, the same in Python, for the command line and over HTTP."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.tracking.hdf5 import kept_track
-from modalmotion.tracking.label_maps import doubts_of_places, from_labels
+from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
 from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.landmarks import Proposed, landmarks_of
 from modalmotion.tracking.making import Start, Time
@@ -51,7 +51,7 @@ class TrackParameters:
     time : {"cycle", "open"}
         Whether the frames are one period, or part of a motion.
     reference : int or None
-        Frame that it starts from.
+        Frame in which tracking starts.
     contours : tuple of str
         Of typed contours: parts of the names of those to read.
     landmarks : mapping of str to array
@@ -82,11 +82,11 @@ class TrackParameters:
     facts: Facts = NO_FACTS
 
     def __post_init__(self) -> None:
-        if self.facts.tracking not in ("offset", "unknown"):
+        if self.facts.tracking not in ("normal_displacement", "unknown"):
             raise ParameterError(
                 f"The fact 'tracking' is {self.facts.tracking!r}: what is tracked follows the "
                 "surface, and not its tissue.",
-                remedy="Leave it out; it becomes offset.",
+                remedy="Leave it out; it becomes normal_displacement.",
                 details={"fact": "tracking"},
             )
 
@@ -161,8 +161,8 @@ class TrackParameters:
             )
         made = from_labels(images, self.labels)
         stated = {**recorded.landmarks, **self.landmarks}
-        doubts = doubts_of_places(images, stated, self.reference or 0)
-        notes = (*made.images.notes, *doubts)
+        outside = notes_on_landmarks(images, stated, self.reference or 0)
+        notes = (*made.images.notes, *outside)
         return replace(recorded, images=made.images, notes=notes), made.landmarks
 
 
@@ -172,7 +172,8 @@ def sequence_of(
     """Read a recording as a sequence; what holds no one mesh is tracked.
 
     A track's own file is its sequence, with the errors that it states. Clouds and contours are
-    tracked as they come; meshes of changing connectivity where the facts state `tracking` offset,
+    tracked as they come; meshes of changing connectivity only where the facts state
+    `tracking` normal_displacement,
     for a mesh that ought to have been one is a mistake. Landmarks of the facts, apex and base as
     points, place the start.
 
@@ -201,8 +202,10 @@ def sequence_of(
         if TRACK not in error.remedy:
             raise
         is_mesh = isinstance(error, ShapeError | ConnectivityError)
-        if is_mesh and options.facts.tracking != "offset":
-            error.remedy += " In a table of files state tracking offset in its row to have it done."
+        if is_mesh and options.facts.tracking != "normal_displacement":
+            error.remedy += (
+                " In a table of files state tracking normal_displacement in its row to track it."
+            )
             raise
     parameters = TrackParameters(
         topology=options.topology,

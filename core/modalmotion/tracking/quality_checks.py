@@ -134,7 +134,7 @@ def notes_on(result: Track) -> list[str]:
 def end_notes(
     result: Track, stated: Sequence[Frame], frames: Sequence[Frame], *, is_guessed: bool
 ) -> list[str]:
-    """Say what is doubtful in where the surface ends, which points on it do not show.
+    """Note where the ends of the surface are doubtful, which points on it do not show.
 
     Parameters
     ----------

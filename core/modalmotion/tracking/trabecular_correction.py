@@ -24,7 +24,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.image_levels import renewed
-from modalmotion.tracking.image_view import Facets, Sight, View, view_of
+from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ _SEEN: Final = 0.9
 _SPREADS: Final = 4
 
 
-def has_trabeculae(image: Image, shape: MeshSequence, sight: Sight, reach: float) -> bool:
+def has_trabeculae(image: Image, shape: MeshSequence, imaging: Imaging, reach: float) -> bool:
     """Whether layers of blood and muscle are next to the edges of a cup's reference shape.
 
     Parameters
@@ -64,14 +64,14 @@ def has_trabeculae(image: Image, shape: MeshSequence, sight: Sight, reach: float
     image : Volume or PlaneSet
     shape : MeshSequence
         One frame, mm.
-    sight : Sight
+    imaging : Imaging
     reach : float, mm
     """
     template = make_template(shape)
     if template.surface != CUP:
         return False
     facets = Facets.of(template.faces, template.vertices, template.weights)
-    look = replace(sight.within(reach), has_layers=True)
+    look = replace(imaging.within(reach), has_layers=True)
     view = view_of(image, facets, template.vertices, look, reach, layers="distinct")
     look = renewed(look, view)
     view = view_of(image, facets, template.vertices, look, reach, layers="distinct")
@@ -82,14 +82,14 @@ def has_trabeculae(image: Image, shape: MeshSequence, sight: Sight, reach: float
 
 
 def muscle_within(
-    view: View, sight: Sight, surface: Deformable, height: float, *, in_layers: bool = False
+    view: View, imaging: Imaging, surface: Deformable, height: float, *, in_layers: bool = False
 ) -> Floats:
     """Muscle next to the inner side of the edges, by area of the surface: (vertices,) mm.
 
     Parameters
     ----------
     view : View
-    sight : Sight
+    imaging : Imaging
     surface : Deformable
     height : float, mm
         Of the cones from the surface to the middle of its cavity.
@@ -103,7 +103,7 @@ def muscle_within(
     is as smooth as a few modes.
     """
     k = view.edges.is_found
-    like = sight.levels.likeness(view.profiles[k], sight.gain(view.starts[k])[:, None])
+    like = imaging.levels.likeness(view.profiles[k], imaging.gain(view.starts[k])[:, None])
     like = np.clip(like, -_MOST_LIKE, _MOST_LIKE)
     there = np.isfinite(view.profiles[k])
     away = view.offsets[None] - view.edges.offsets[k, None]
@@ -176,7 +176,7 @@ def spread_over(surface: Deformable, x: Floats, muscle: Floats, volume: float) -
 
 def with_trabeculae(
     views: Sequence[View | None],
-    sights: Sequence[Sight],
+    imagings: Sequence[Imaging],
     surface: Deformable,
     shapes: Floats,
     reference: int,
@@ -186,7 +186,7 @@ def with_trabeculae(
     Parameters
     ----------
     views : sequence of View or None
-    sights : sequence of Sight
+    imagings : sequence of Imaging
         That each was seen with.
     surface : Deformable
     shapes : (frames, vertices, 3) float64, mm
@@ -204,7 +204,7 @@ def with_trabeculae(
         return list(views), means
     template = surface.template
     heights = [_height(x, template.faces) for x in shapes]
-    muscle = muscle_within(first, sights[reference], surface, heights[reference], in_layers=True)
+    muscle = muscle_within(first, imagings[reference], surface, heights[reference], in_layers=True)
     areas = [vertex_areas(x, template.faces) for x in shapes]
     whole = float(muscle @ areas[reference])
     moved: list[View | None] = []
@@ -212,7 +212,7 @@ def with_trabeculae(
         if view is None or k == reference or not view.edges.is_found.any():
             moved.append(view)
             continue
-        now = muscle_within(view, sights[k], surface, heights[k])
+        now = muscle_within(view, imagings[k], surface, heights[k])
         # It is where there was more of it than is seen.
         denser = np.maximum(muscle, 0.0) * float(areas[reference].sum() / areas[k].sum())
         places = denser - np.maximum(now, 0.0)

@@ -31,7 +31,7 @@ from modalmotion.pictures.view import upright
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.signature.mode_names import COLOURS, mode_dash, mode_tone, plain_name
 from modalmotion.signature.reconstruction import fitted_on
-from modalmotion.signature.superposition import offset_reference
+from modalmotion.signature.superposition import normal_reference
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, local_frames
 from modalmotion.template.template import nearest_in_use, shapes_of
@@ -89,11 +89,10 @@ def view_payload(
     LimitError
         If the surface has no natural coordinates, and too many shapes to be sent.
     """
-    used, start, centre, offsets = _placed(signature, sequence, template)
-    is_offset = signature.kind == SignatureKind.OFFSET
+    used, start, centre, directions = _placed(signature, sequence, template)
+    along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
     arrays: dict[str, NDArray[Any]] = {}
-    directions = offsets
-    if not is_offset and signature.parameters.components != Components.CARTESIAN:
+    if not along_normal and signature.parameters.components != Components.CARTESIAN:
         directions = local_frames(used)
     scale = length_scale(sequence, centre)
     arrays["rest"] = _single((start - centre) / scale)
@@ -132,8 +131,7 @@ def view_payload(
         "n_frames": signature.n_frames,
         "n_vertices": sequence.n_vertices,
         "n_amplitudes": signature.n_amplitudes,
-        "holds_drift": not is_offset,
-        "is_offset": is_offset,
+        "holds_drift": not along_normal,
         "reference": signature.parameters.reference,
         "cycle": _cycle(signature, period),
         "period": period,
@@ -185,12 +183,12 @@ def frames_payload(
 def _placed(
     signature: ModalSignature, sequence: MeshSequence, template: Template | None
 ) -> tuple[Template, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
-    """Give the template, the surface at rest, its centroid, and the directions of offsets."""
+    """Give the template, the surface at rest, its centroid, and the normals, if they are used."""
     used = fitted_on(signature, sequence, template)
     start = reference_positions(sequence, signature.parameters.reference)
-    if signature.kind != SignatureKind.OFFSET:
+    if signature.kind != SignatureKind.NORMAL_DISPLACEMENT:
         return used, start, used.weights @ start, None
-    directions, centre = offset_reference(used, start)
+    directions, centre = normal_reference(used, start)
     return used, start, centre, directions
 
 
@@ -474,10 +472,10 @@ def wave_name(signature: ModalSignature, template: Template, modes: list[int]) -
         Places of the cosine and, where there is one, of its sine.
     """
     label = signature.modes.labels[modes[0]]
-    is_offset = signature.kind == SignatureKind.OFFSET
+    along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
     components = signature.parameters.components
-    all_of_it = plain_name(signature.topology, label, components, is_offset=is_offset)
-    if is_offset or signature.topology not in (CUP, CYLINDER, SPHERE):
+    all_of_it = plain_name(signature.topology, label, components, along_normal=along_normal)
+    if along_normal or signature.topology not in (CUP, CYLINDER, SPHERE):
         return all_of_it
     r, around = label.wavenumbers
     a = signature.amplitudes[:, modes] - signature.amplitudes[:, modes].mean(axis=0)

@@ -3,9 +3,9 @@
 from typing import Final
 
 LINES: Final = {
-    "audit": "Read the record of who did what.",
-    "keys": "Make, list and take back the keys that open a service.",
-    "owners": "See what each owner has, and remove one with everything.",
+    "audit": "Read the audit log.",
+    "keys": "Create, list and revoke the keys of a service.",
+    "owners": "List the data of each owner, or remove an owner with all data.",
     "serve": "Start the HTTP service; its documentation is at /docs.",
     "settings": "Show every setting: its variable, value, default and meaning.",
 }

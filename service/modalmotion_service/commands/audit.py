@@ -16,7 +16,7 @@ from modalmotion_service.commands.options import DATA_DIR, folder_with
 
 @click.group()
 def audit() -> None:
-    """Read the record of who did what."""
+    """Read the audit log."""
 
 
 @audit.command(epilog=example("audit show --owner lab --limit 20"))
@@ -38,7 +38,7 @@ def show(owner: str | None, limit: int, data_dir: Path | None) -> None:
 @audit.command(epilog=example("audit unfinished --data-dir results"))
 @DATA_DIR
 def unfinished(data_dir: Path | None) -> None:
-    """Write the changes that were begun and have no end, as JSON lines.
+    """Write the changes that were begun but not completed, as JSON lines.
 
     They are under way, or a crash cut them off: the store tells whether they were made.
     """

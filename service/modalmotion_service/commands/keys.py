@@ -44,7 +44,7 @@ def _moment(text: str) -> datetime:
 
 @click.group()
 def keys() -> None:
-    """Make, list and take back the keys that open a service."""
+    """Create, list and revoke the keys of a service."""
 
 
 @keys.command(epilog=example("keys create --owner lab --scopes read,write --expires 90d"))
@@ -73,7 +73,7 @@ def create(
     as_json: bool,
     data_dir: Path | None,
 ) -> None:
-    """Make a key and show it, this once: only its hash is stored."""
+    """Create a key and show it once: only its hash is stored."""
     folder = folder_of(data_dir)
     is_first = not (folder / KEYS).is_file()
     with KeyRing(folder) as ring, AuditLog(folder) as log:
@@ -90,7 +90,7 @@ def create(
 @json_option
 @DATA_DIR
 def list_keys(as_json: bool, data_dir: Path | None) -> None:
-    """List all keys that were ever made, with their scopes."""
+    """List all keys ever created, with their scopes."""
     with KeyRing(folder_with(data_dir, KEYS, "are no keys")) as ring:
         known = list(ring.all())
     tell_rows(_HEAD, map(_row, known), list(map(_told, known)), as_json=as_json)
@@ -101,7 +101,7 @@ def list_keys(as_json: bool, data_dir: Path | None) -> None:
 @json_option
 @DATA_DIR
 def revoke(key_id: str, as_json: bool, data_dir: Path | None) -> None:
-    """Take the key with that ID back, at once and for good."""
+    """Revoke the key with that ID, at once and for good."""
     key = take_back_key(folder_with(data_dir, KEYS, "are no keys"), key_id)
     tell(_told(key), [aligned([_HEAD, _row(key)])], as_json=as_json)
 

@@ -13,7 +13,7 @@ from modalmotion.cli.options import aligned
 DATA_DIR = click.option(
     "--data-dir",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder that results are in  [default: MODALMOTION_DATA_DIR or modalmotion-data].",
+    help="Folder of the results  [default: MODALMOTION_DATA_DIR or modalmotion-data].",
 )
 
 

@@ -116,7 +116,7 @@ def _count(folder: Path, pattern: str) -> int:
 
 @click.group()
 def owners() -> None:
-    """See what each owner has, and remove one with everything."""
+    """List the data of each owner, or remove an owner with all data."""
 
 
 @owners.command("list", epilog=example("owners list --data-dir results"))
@@ -136,7 +136,7 @@ def list_owners(as_json: bool, data_dir: Path | None) -> None:
 @json_option
 @DATA_DIR
 def remove(owner: str, yes: bool, as_json: bool, data_dir: Path | None) -> None:
-    """Remove the owner NAME with all sequences, results, models, jobs, and take back the keys.
+    """Remove the owner NAME with all sequences, results, models, jobs, and revoke its keys.
 
     No service may have the folder open. Backups keep what they have until the next one to the
     same folder, and the audit log keeps what was done by whom to which digest of an id.

@@ -35,7 +35,11 @@ class _WithSettings(click.Command):
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", default=8000, show_default=True, help="Port; 0 takes a free one.")
 @DATA_DIR
-@click.option("--stateless", is_flag=True, help="Keep nothing, so that several may serve as one.")
+@click.option(
+    "--stateless",
+    is_flag=True,
+    help="Store nothing, so that several instances can answer the same requests.",
+)
 @click.option(
     "--read-only-dir",
     type=click.Path(exists=True, file_okay=False, path_type=Path),

@@ -66,18 +66,18 @@ def note_facts(connection: HTTPConnection, names: Sequence[str]) -> None:
 
 
 def route_of(connection: Connection) -> str | None:
-    """Template of the route that a request was judged by; None if there is none."""
+    """Template of the route that a request was checked by; None if there is none."""
     template: str | None = connection.get(_ROUTE)
     return template
 
 
-async def require_judged(connection: HTTPConnection) -> None:
-    """Refuse a route that the gate has not judged: one that the table of scopes does not name.
+async def require_gate(connection: HTTPConnection) -> None:
+    """Refuse a route that the gate has not checked: one that the table of scopes does not name.
 
     Raises
     ------
     ForbiddenError
-        If another route is taken than the one that was judged.
+        If another route is taken than the one that was checked.
     """
     if getattr(connection.scope.get("route"), "path", None) != route_of(connection.scope):
         raise ForbiddenError(

@@ -11,7 +11,7 @@ from fastapi import Depends, Query, Response
 from modalmotion.classification import ModelCard, available_models, card_markdown
 from modalmotion.errors import ParameterError
 from modalmotion.store import ModelRecord, model_to_hdf5, parse_reference, require_model_name
-from modalmotion_service.http.judged_router import JudgedRouter, body_of
+from modalmotion_service.http.gated_router import GatedRouter, body_of
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG, attachment
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers, page_of
 from modalmotion_service.schemas import models as results
@@ -23,7 +23,7 @@ from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.training import labelled_cases, look_up, write_cases
 
-router = JudgedRouter(prefix="/v1/models", tags=["models"])
+router = GatedRouter(prefix="/v1/models", tags=["models"])
 
 
 @router.post("", **answers(status=202))
@@ -145,7 +145,7 @@ def _summary(records: list[ModelRecord]) -> results.ModelSummary:
     return results.ModelSummary.of(records[-1], [record.version for record in records])
 
 
-of_norms = JudgedRouter(prefix="/v1/norms", tags=["norms"])
+of_norms = GatedRouter(prefix="/v1/norms", tags=["norms"])
 
 
 @of_norms.post("", **answers(status=202))

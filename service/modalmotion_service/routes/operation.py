@@ -14,13 +14,13 @@ from starlette.responses import FileResponse
 from modalmotion.errors import LostFileError, NotFoundError
 from modalmotion.store.index import from_cursor, to_cursor
 from modalmotion_service.http.gate import Access
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.gated_router import GatedRouter
 from modalmotion_service.monitoring.metrics import require_ready
 from modalmotion_service.routes.asked import AskedNow, answers, job_answer
 from modalmotion_service.schemas import general
 from modalmotion_service.schemas.from_core import JobId, Paging
 
-of_jobs = JudgedRouter(prefix="/v1/jobs", tags=["jobs"])
+of_jobs = GatedRouter(prefix="/v1/jobs", tags=["jobs"])
 
 
 class JobList(Paging):
@@ -74,7 +74,7 @@ async def cancel_job(job_id: JobId, asked: AskedNow) -> general.JobAnswer:
     return job_answer(await asked.state.runner.cancel(job_id))
 
 
-router = JudgedRouter(tags=["operation"])
+router = GatedRouter(tags=["operation"])
 
 _TEXT: Final = "text/plain; version=0.0.4; charset=utf-8"
 

@@ -9,7 +9,7 @@ from fastapi import Depends, Query, Response
 
 from modalmotion.errors import ParameterError
 from modalmotion.store import record_to_json
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.gated_router import GatedRouter
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, VIEW
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers
 from modalmotion_service.routes.uploads import Sent, receiving
@@ -23,7 +23,7 @@ from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.recording_operations import erase_images
 from modalmotion_service.workspace.spool import SpoolFile
 
-router = JudgedRouter(prefix="/v1")
+router = GatedRouter(prefix="/v1")
 
 
 @router.post("/images", tags=["images"], **answers(of=ImagesSummary, is_new=True))

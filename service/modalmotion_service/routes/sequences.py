@@ -11,7 +11,7 @@ from fastapi import Depends, Query, Response
 from modalmotion.mesh import NO_FACTS, Facts, facts_patched
 from modalmotion.store import SequenceRecord
 from modalmotion_service.http.gate import note_facts
-from modalmotion_service.http.judged_router import JudgedRouter, body_of
+from modalmotion_service.http.gated_router import GatedRouter, body_of
 from modalmotion_service.http.negotiation import HDF5, JSON, NPZ, PNG, STREAM
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers, page_of
 from modalmotion_service.routes.uploads import Sent, receiving
@@ -23,7 +23,7 @@ from modalmotion_service.workspace import recording_operations as operations
 from modalmotion_service.workspace.operation import Request
 from modalmotion_service.workspace.recording_operations import erase, restate
 
-router = JudgedRouter(prefix="/v1/sequences", tags=["sequences"])
+router = GatedRouter(prefix="/v1/sequences", tags=["sequences"])
 
 
 @router.post("", **answers(of=SequenceSummary, is_new=True))
@@ -156,7 +156,7 @@ def _summary(asked: AskedNow, summary: SequenceSummary) -> Response:
     return asked.json(summary, headers={"Location": summary.links["self"]})
 
 
-of_templates = JudgedRouter(prefix="/v1/templates", tags=["templates"])
+of_templates = GatedRouter(prefix="/v1/templates", tags=["templates"])
 
 
 @of_templates.post("", **answers(of=signatures.TemplateAnswer, is_new=True))

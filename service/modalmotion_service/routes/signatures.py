@@ -17,7 +17,7 @@ from modalmotion.errors import LimitError, NotFoundError
 from modalmotion.mesh import facts_as_json
 from modalmotion.reports.dicom import require_space
 from modalmotion_service.errors import BusyError
-from modalmotion_service.http.judged_router import JudgedRouter, body_of
+from modalmotion_service.http.gated_router import GatedRouter, body_of
 from modalmotion_service.http.negotiation import CSV, HTML, JSON, PNG, RAW, VIEW, ZIP, attachment
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import (
@@ -43,7 +43,7 @@ from modalmotion_service.workspace.operation import Operation, Request
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES, SURFACES
 from modalmotion_service.workspace.spool import SpoolFile
 
-router = JudgedRouter(prefix="/v1", tags=["signatures"])
+router = GatedRouter(prefix="/v1", tags=["signatures"])
 
 _DICOM: Final = {
     "requestBody": {

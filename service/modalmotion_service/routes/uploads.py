@@ -23,7 +23,7 @@ from modalmotion.mesh.fact_forms import column_of, facts_from_texts, is_fact
 from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
 from modalmotion.store.folder import require_name
 from modalmotion_service.http.forms import FILES, MANIFEST, FormFiles, SentPart, received_form
-from modalmotion_service.http.judged_router import JudgedRouter, checked, described_as, invalid
+from modalmotion_service.http.gated_router import GatedRouter, checked, described_as, invalid
 from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import Asked, AskedAny, answers, get_state
@@ -309,7 +309,7 @@ def _stated(part: Part, row: Row) -> Part:
     return replace(part, subject=row.subject, label=row.label, facts=facts)
 
 
-router = JudgedRouter(prefix="/v1", tags=["files"])
+router = GatedRouter(prefix="/v1", tags=["files"])
 
 
 @router.post(

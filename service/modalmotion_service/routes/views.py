@@ -12,10 +12,10 @@ from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse
 
 from modalmotion.viewer.page import AFTER_PAINT, NOTHING, content_name, script, source_hash, style
-from modalmotion_service.http.judged_router import JudgedRouter
+from modalmotion_service.http.gated_router import GatedRouter
 from modalmotion_service.http.middleware import PREFIX
 
-pages = JudgedRouter(include_in_schema=False)
+pages = GatedRouter(include_in_schema=False)
 
 # The page asks this service only. It holds no data: these come with the key, which is typed in.
 _POLICY: Final = f"{NOTHING}; connect-src 'self'; frame-ancestors 'none'"

@@ -159,7 +159,7 @@ class SignatureAnswer(Answer):
     kind: SignatureKind
     """What the amplitudes are of."""
     shape: tuple[int, int, int]
-    """Of the amplitudes: frames, modes, 3, or 1 of offsets."""
+    """Of the amplitudes: frames, modes, 3, or 1 of normal displacements."""
     deviation_share: float | None
     """RMS of these deviations over that of the amplitudes: above 1 they are mostly error."""
     components: Components

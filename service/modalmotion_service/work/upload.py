@@ -87,8 +87,8 @@ def say_whether_confined() -> None:
         )
 
 
-# Commands that remedies name, as their doors are called here.
-_DOORS: Final = {TRACK: "POST /v1/tracks", SIGNATURE: "POST /v1/sequences"}
+# Commands that remedies name, and the calls that do the same here.
+_CALLS: Final = {TRACK: "POST /v1/tracks", SIGNATURE: "POST /v1/sequences"}
 
 
 @dataclass(frozen=True)
@@ -206,8 +206,8 @@ def _own_words(**limits: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        for command, door in _DOORS.items():
-            error.remedy = error.remedy.replace(command, door)
+        for command, call in _CALLS.items():
+            error.remedy = error.remedy.replace(command, call)
         error.limit = limits.get(error.limit or "", error.limit)
         raise
 

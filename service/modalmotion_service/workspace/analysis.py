@@ -22,7 +22,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh import Facts, facts_as_json
 from modalmotion.modes.topology import MESH, SPHERE
-from modalmotion.progress import StageReport
+from modalmotion.progress import StageReport, silent
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import parameters_from_json
 from modalmotion.store import ResultStore, SequenceRecord
@@ -32,7 +32,6 @@ from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.tasks import signatures
 from modalmotion_service.work.tasks.files import Fitted, followed
-from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.spool import Quota, Spool, remove_with_beside
 
 T = TypeVar("T")
@@ -42,19 +41,6 @@ A = TypeVar("A")
 def split_stage(milliseconds: Mapping[str, float]) -> None:
     """Name parts of the time that a request has waited for a worker."""
     add_milliseconds({**milliseconds, "worker": -sum(milliseconds.values())})
-
-
-def part_of(report: StageReport, part: float, start: float = 0.0) -> Report:
-    """Report progress as a part of the whole, which begins at `start`."""
-
-    def tell(share: float, text: str = "", /) -> None:
-        report(start + part * share, text)
-
-    return tell
-
-
-def unheard(_share: float, _text: str = "") -> None:
-    """Report progress to nobody."""
 
 
 P = ParamSpec("P")
@@ -215,7 +201,7 @@ class Analysis:
         return parameters, record.facts
 
     async def signature(
-        self, sequence_id: str, parameters: SignatureParameters, report: StageReport = unheard
+        self, sequence_id: str, parameters: SignatureParameters, report: StageReport = silent
     ) -> Path:
         """Give the file of a signature, made if it is missing or damaged.
 
@@ -237,7 +223,7 @@ class Analysis:
         self,
         sequence_id: str,
         key: str | None,
-        report: StageReport = unheard,
+        report: StageReport = silent,
         usual: SignatureParameters = USUAL,
     ) -> AsyncIterator[Fitted]:
         """Give a stored signature; without a key the usual one, for a while if it is not stored.

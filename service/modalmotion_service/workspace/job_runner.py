@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
+from modalmotion.progress import StageReport
 from modalmotion.store.deletion import forget_tombstones
 from modalmotion.store.disk import cannot_write, is_of_the_machine
 from modalmotion.store.index import to_text
@@ -143,12 +144,8 @@ class Retention:
         return datetime.now(UTC) - datetime.fromisoformat(job.updated) > self.file_age
 
 
-class Report(Protocol):
-    """Reports the progress of a job."""
-
-    def __call__(self, share: float, text: str = "", /) -> None:
-        """Note the share that is done, 0 to 1, and in words what is done now."""
-
+Report = StageReport
+"""Called with the share of a job that is done, 0 to 1, and what is done now."""
 
 Ending = Callable[[Any], Awaitable[None]]
 
@@ -399,7 +396,7 @@ class JobRunner:
         pending: set[asyncio.Future[None]] = set()
         shown = job.progress
 
-        def report(share: float, text: str = "") -> None:
+        def report(share: float, text: str) -> None:
             nonlocal shown
             self._texts[job.id] = text
             # One write under way at a time: what comes meanwhile is soon out of date.

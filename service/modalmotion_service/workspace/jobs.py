@@ -316,7 +316,7 @@ class IdempotencyKeys:
             None if the key was free and is taken now; else the request that took it.
         """
         name = _digest(key)
-        self.settle()
+        self.write_late()
         with self._database.write() as connection:
             done = connection.execute(
                 "INSERT OR IGNORE INTO idempotency VALUES (?, ?, NULL, NULL, ?)",
@@ -340,15 +340,15 @@ class IdempotencyKeys:
         """
         with self._lock:
             self._late[_digest(key)] = (status, json.dumps(response))
-        self.settle()
+        self.write_late()
 
     def release(self, key: str) -> None:
         """Free a key whose request had no effect; StoreError as `complete`."""
         with self._lock:
             self._late[_digest(key)] = None
-        self.settle()
+        self.write_late()
 
-    def settle(self) -> None:
+    def write_late(self) -> None:
         """Write what could not be written before; StoreError if it cannot be now."""
         with self._lock:
             if not self._late:
@@ -392,7 +392,7 @@ class IdempotencyKeys:
             Answers replaced. Their keys stay taken: what was deleted is not to come back by a
             request that is sent again.
         """
-        self.settle()
+        self.write_late()
         # Below a place is what comes between "-" or "/" and the character after them.
         below = (f"{place}-", f"{place}0")
         with self._database.write(erases=True) as connection:

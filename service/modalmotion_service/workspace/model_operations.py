@@ -21,6 +21,7 @@ from modalmotion.errors import (
 from modalmotion.mesh.facts import Facts
 from modalmotion.norm import Norm, norm_from_hdf5
 from modalmotion.norm.training import parameters_of_controls
+from modalmotion.progress import part_of, silent
 from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.negotiation import CSV, JSON, PNG, attachment
@@ -28,7 +29,7 @@ from modalmotion_service.schemas import queries
 from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.tasks.classification import KeptRecording
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.analysis import in_one_basis, part_of, unheard
+from modalmotion_service.workspace.analysis import in_one_basis
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Case, Outcome, Request, State, operation
 from modalmotion_service.workspace.training import case_file, fit_each, read_cases, train
@@ -110,7 +111,7 @@ async def evaluation(state: State, request: Request, report: Report) -> Outcome:
     async def answered(case: Case) -> list[CaseAnswer]:
         return [await _answer(state, case, model, query.coverage) for model in chosen]
 
-    tell = part_of(report, _CLASSIFYING)
+    tell = part_of(report, 0.0, _CLASSIFYING)
     by_case = await state.analysis.each(request.cases, answered, tell, "sequence")
     report(_CLASSIFYING, "figures")
     answers = [list(its) for its in zip(*by_case, strict=True)]
@@ -160,7 +161,7 @@ async def norm(state: State, request: Request, report: Report) -> Outcome:
     own = TrainingOptions(modes=query.modes, topology=query.topology).signature_parameters
     parameters = parameters_of_controls(own, [_facts(state, case) for case in cases])
 
-    tell = part_of(report, 1 - _FITTING, _FITTING)
+    tell = part_of(report, _FITTING, 1.0)
 
     async def make_with(wanted: SignatureParameters) -> Norm:
         controls = await _recordings(state, cases, wanted, report)
@@ -214,7 +215,7 @@ def _facts(state: State, case: Case) -> Facts:
 
 
 async def _recordings(
-    state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Report = unheard
+    state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Report = silent
 ) -> list[KeptRecording]:
     recordings, paths = [], await fit_each(state, cases, parameters, report, _FITTING)
     for case, path in zip(cases, paths, strict=True):

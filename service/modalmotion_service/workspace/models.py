@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.classification import (
-    OFFSET_MODEL,
+    NORMAL_DISPLACEMENT_MODEL,
     Classification,
     available_models,
     load_model,
@@ -18,7 +18,7 @@ from modalmotion.classification import (
 from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.mesh.facts import UNKNOWN
-from modalmotion.progress import StageReport
+from modalmotion.progress import StageReport, part_of, silent
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import (
     KeptModel,
@@ -30,7 +30,6 @@ from modalmotion.store import (
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.schemas.requests import ClassificationRequest
 from modalmotion_service.work.tasks.classification import name_class
-from modalmotion_service.workspace.analysis import part_of, unheard
 from modalmotion_service.workspace.operation import State
 
 # A model that comes with the package has one version.
@@ -161,16 +160,16 @@ async def classification(
     sequence_id: str,
     model: ChosenModel,
     coverage: float,
-    report: StageReport = unheard,
+    report: StageReport = silent,
 ) -> tuple[KeptClassification, bool]:
     """Classify a stored sequence, and tell whether the result is new."""
     analysis, store = state.analysis, state.store
     parameters, facts = analysis.resolved(sequence_id, model.parameters)
-    tracking = facts.tracking if model.name == OFFSET_MODEL else UNKNOWN
+    tracking = facts.tracking if model.name == NORMAL_DISPLACEMENT_MODEL else UNKNOWN
     key = classification_key(parameters, coverage, tracking, facts.handedness, facts.cavity)
 
     async def named(asked: SignatureParameters) -> tuple[bytes, str | None]:
-        signature = await analysis.signature(sequence_id, asked, part_of(report, _SIGNING))
+        signature = await analysis.signature(sequence_id, asked, part_of(report, 0.0, _SIGNING))
         report(_SIGNING, "class")
         topology = store.sequence_record(sequence_id).topology
         return await analysis.work(

@@ -178,7 +178,7 @@ class State:
 
 
 Work = Callable[[State, Request, Report], Awaitable[Outcome]]
-Settle = Callable[[State, Request, str], Awaitable[None]]
+OnStored = Callable[[State, Request, str], Awaitable[None]]
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ class Operation:
         That it answers with; the first by default.
     is_apart : bool
         Whether its jobs run in places of their own: hours of it keep nothing else waiting.
-    settle : async function, optional
+    on_stored : async function, optional
         Called with the link of what was stored, once that is noted: ends what the work began with.
     """
 
@@ -205,20 +205,20 @@ class Operation:
     query: type[BaseModel]
     media_types: tuple[str, ...]
     is_apart: bool = False
-    settle: Settle | None = None
+    on_stored: OnStored | None = None
 
 
 def operation(
     *media_types: str,
     query: type[BaseModel] = JsonBody,
     is_apart: bool = False,
-    settle: Settle | None = None,
+    on_stored: OnStored | None = None,
 ) -> Callable[[Work], Operation]:
     """Make an operation of a function, under its name."""
 
     def made(work: Work) -> Operation:
         name = getattr(work, "__name__", "").replace("_", "-")
-        return Operation(name, work, query, media_types or (JSON,), is_apart, settle)
+        return Operation(name, work, query, media_types or (JSON,), is_apart, on_stored)
 
     return made
 
@@ -291,8 +291,8 @@ class Performance(JobRunner):
                 await asyncio.wait([task], timeout=most if wait is None else min(wait, most))
                 if task.done():
                     outcome = task.result()
-                    if what.settle is not None and outcome.link is not None:
-                        await what.settle(state, request, outcome.link)
+                    if what.on_stored is not None and outcome.link is not None:
+                        await what.on_stored(state, request, outcome.link)
                     return outcome
                 self._left[request.name] = task
             # The file of its result is kept for hours, whoever asked.
@@ -338,10 +338,10 @@ class Performance(JobRunner):
     def ending(self, job: Job) -> Ending | None:
         """Give what the operation of a job ends with, if anything."""
         what = self._operations[job.kind]
-        if (settle := what.settle) is None:
+        if (on_stored := what.on_stored) is None:
             return None
         request = Request.from_json(job.request, what.query)
-        return lambda result: settle(self.state, request, result["link"])
+        return lambda result: on_stored(self.state, request, result["link"])
 
     def clean_up(self, request: Any) -> None:
         """Remove the upload of a job."""
@@ -352,7 +352,7 @@ class Performance(JobRunner):
         """Raise StoreError while the spool has no room."""
         require_room(self.state.spool.folder)
 
-    def _tell(self, name: str, share: float, text: str = "", /) -> None:
+    def _tell(self, name: str, share: float, text: str) -> None:
         if (listener := self._listeners.get(name)) is not None:
             listener(share, text)
 

@@ -182,7 +182,7 @@ class Owners:
                 await self._try_to_open(owner)
         for state in list(self._states.values()):
             await state.runner.resume()
-            await asyncio.to_thread(state.idempotency.settle)
+            await asyncio.to_thread(state.idempotency.write_late)
 
     async def state(self, owner: str) -> State:
         """Give the state of an owner, opened when it is first needed."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import NotFoundError
+from modalmotion.progress import part_of
 from modalmotion.store import SequenceRecord
 from modalmotion.store.index import to_text
 from modalmotion_service.errors import ConflictError
@@ -22,7 +23,6 @@ from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary
 from modalmotion_service.work.tasks import sequences, signatures, tracks
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.analysis import part_of
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.jobs import Job, gone, results_of
 from modalmotion_service.workspace.operation import Outcome, Request, State, made, operation
@@ -202,7 +202,7 @@ async def start_path(state: State, start: str | None) -> Path | None:
     return await asyncio.to_thread(state.store.sequence_path, start)
 
 
-async def settle(state: State, request: Request, link: str) -> None:
+async def keep_or_delete_images(state: State, request: Request, link: str) -> None:
     """Keep the images of a track for its pictures, or delete them.
 
     Once nothing needs them any more: a job that is done again after a crash starts from them.
@@ -221,7 +221,7 @@ async def settle(state: State, request: Request, link: str) -> None:
         await asyncio.to_thread(end)
 
 
-@operation(query=requests.TRACK, settle=settle)
+@operation(query=requests.TRACK, on_stored=keep_or_delete_images)
 async def track(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface through an upload or stored images, and store what is found."""
     query, analysis, store = request.query, state.analysis, state.store
@@ -263,10 +263,10 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
     return Outcome(body, kind)
 
 
-@operation(media.ZIP, query=requests.TRACK, settle=settle)
+@operation(media.ZIP, query=requests.TRACK, on_stored=keep_or_delete_images)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
-    done = await track.work(state, request, part_of(report, _TRACKING))
+    done = await track.work(state, request, part_of(report, 0.0, _TRACKING))
     track_id = (done.link or "").rpartition("/")[2]
     report(_TRACKING, "report")
     path = await _whole_report(state, track_id, request.query.model)

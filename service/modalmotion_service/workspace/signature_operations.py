@@ -8,7 +8,7 @@ from typing import Final
 
 from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.modes.topology import MESH
-from modalmotion.progress import StageReport
+from modalmotion.progress import StageReport, part_of, silent
 from modalmotion_service.http import negotiation as media
 from modalmotion_service.http.negotiation import attachment
 from modalmotion_service.schemas import queries
@@ -17,7 +17,7 @@ from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import signatures
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.analysis import USUAL, part_of, unheard, with_facts
+from modalmotion_service.workspace.analysis import USUAL, with_facts
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import (
     Outcome,
@@ -68,7 +68,7 @@ async def shown(
     sequence_id: str,
     key: str | None,
     media_type: str,
-    report: StageReport = unheard,
+    report: StageReport = silent,
 ) -> bytes:
     """Give a signature as a media type."""
     analysis = state.analysis
@@ -191,7 +191,7 @@ async def signatures_query(state: State, request: Request, report: Report) -> Ou
 
     paths = await analysis.each(
         *(ids, lambda one: analysis.signature(one, parameters)),
-        *(part_of(report, len(ids) / (len(ids) + 1)), "signature"),
+        *(part_of(report, 0.0, len(ids) / (len(ids) + 1)), "signature"),
     )
     records = [state.store.sequence_record(sequence_id) for sequence_id in ids]
     paths = await analysis.of_one_kind(ids, parameters, paths)

@@ -26,6 +26,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh import Facts
 from modalmotion.modes.topology import MESH
+from modalmotion.progress import part_of
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore
 from modalmotion.store.disk import cannot_write
@@ -33,7 +34,7 @@ from modalmotion.store.folder import require_name
 from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
-from modalmotion_service.workspace.analysis import in_one_basis, part_of
+from modalmotion_service.workspace.analysis import in_one_basis
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Case, State
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
@@ -216,19 +217,19 @@ async def train(
 
     async def train_with(asked: SignatureParameters, image: Path) -> int:
         paths = await fit_each(state, cases, asked, report, _FITTING, leaves_out=leaves_out)
-        offsets: list[Path | LeftOut] | None = None
+        along_normals: list[Path | LeftOut] | None = None
         if weighs_kinds:
             # Curves and volumes have none.
             with contextlib.suppress(ModalMotionError):
-                other = replace(asked, kind=SignatureKind.OFFSET)
+                other = replace(asked, kind=SignatureKind.NORMAL_DISPLACEMENT)
                 found = await fit_each(state, cases, other, report, _FITTING, leaves_out=leaves_out)
                 # What lacks one of them has neither.
                 both = list(zip(paths, found, strict=True))
                 paths = [two if isinstance(two, LeftOut) else one for one, two in both]
-                offsets = [one if isinstance(one, LeftOut) else two for one, two in both]
+                along_normals = [one if isinstance(one, LeftOut) else two for one, two in both]
 
-        tell = part_of(report, 1 - _FITTING, _FITTING)
-        own = _cases(cases, paths), None if offsets is None else _cases(cases, offsets)
+        tell = part_of(report, _FITTING, 1.0)
+        own = _cases(cases, paths), along_normals and _cases(cases, along_normals)
         settings = state.settings
         try:
             return await trainer.followed(
@@ -305,7 +306,7 @@ async def fit_each(
                 return LeftOut.of(about, case_name(case.id))
             raise about from error
 
-    return await state.analysis.each(cases, fitted, part_of(report, share), "signature")
+    return await state.analysis.each(cases, fitted, part_of(report, 0.0, share), "signature")
 
 
 def _about(state: State, error: ModalMotionError, sequence_id: object) -> ModalMotionError:

@@ -32,7 +32,7 @@ def packages() -> Iterator[str]:
 
 
 @cache
-def doors() -> dict[str, Callable[..., Any]]:
+def public_functions() -> dict[str, Callable[..., Any]]:
     """Every function of a public list, by its name."""
     return {
         f"{package}.{name}": value
@@ -63,9 +63,9 @@ def wrong() -> dict[str, Any]:
     }
 
 
-def needs(door: Callable[..., Any], given: object) -> tuple[list[object], dict[str, object]]:
+def needs(function: Callable[..., Any], given: object) -> tuple[list[object], dict[str, object]]:
     """Give one thing for all that a function needs, and for the first if it needs nothing."""
-    taken = inspect.signature(door).parameters.values()
+    taken = inspect.signature(function).parameters.values()
     kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     plain = [p for p in taken if p.kind in kinds]
     needed = [p for p in plain if p.default is p.empty] or plain[:1]
@@ -73,16 +73,16 @@ def needs(door: Callable[..., Any], given: object) -> tuple[list[object], dict[s
     return [given for _ in needed], {p.name: given for p in named}
 
 
-@pytest.mark.parametrize("name", doors())
+@pytest.mark.parametrize("name", public_functions())
 def test_what_is_wrong_is_told_by_an_error_of_ours(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for given in wrong().values():
-        args, kwargs = needs(doors()[name], given)
+        args, kwargs = needs(public_functions()[name], given)
         # What is right by chance, such as a word for a word, is no error.
         with suppress(ModalMotionError):
-            doors()[name](*args, **kwargs)
+            public_functions()[name](*args, **kwargs)
 
 
 BEAT: Final = "mesh_sequence(vertices, faces)"

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from classify_samples import QUICK_CARD, cohort, curves
+from scipy.special import softmax
 
 from modalmotion.classification import TrainingCase, TrainingOptions, train
 from modalmotion.classification.cohort import Cohort, collect_cohorts
 from modalmotion.classification.fitting import Fit, better, fit_rows, split_cases, tables_of
-from modalmotion.classification.linear import log_losses, softmax
+from modalmotion.classification.linear import log_losses
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.signature.making import SignatureParameters, modal_signature
@@ -48,7 +49,7 @@ def test_the_score_is_the_sum_of_at_most_five_tables_whose_weights_add_up() -> N
     fit = fit_rows(own, tables_of(own, KIND), every)
     assert 1 <= len(fit.tables) <= 5
     assert sum(table.weight for table in fit.tables) == pytest.approx(1.0)
-    assert softmax(fit.scores(every)).shape == (12, 2)
+    assert softmax(fit.scores(every), axis=1).shape == (12, 2)
     weights = [table.weight for table in fit.tables]
     assert weights == sorted(weights, reverse=True)
 

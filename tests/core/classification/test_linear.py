@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import softmax
 from sklearn.covariance import ledoit_wolf
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
@@ -11,7 +12,6 @@ from modalmotion.classification.linear import (
     discriminant,
     inner_folds,
     log_losses,
-    softmax,
     temperature_of,
 )
 
@@ -36,7 +36,7 @@ def test_scores_are_those_of_the_shrunk_covariance(n: int, d: int) -> None:
     shares = np.log(np.bincount(y) / n) - 0.5 * np.einsum("kd,dk->k", means, solved)
     expected = z @ solved + shares
     found = discriminant(X, y, 3).scores(X)
-    assert softmax(found) == pytest.approx(softmax(expected), abs=1e-5)
+    assert softmax(found, axis=1) == pytest.approx(softmax(expected, axis=1), abs=1e-5)
 
 
 def test_few_cases_are_told_apart_by_one_feature_among_many_that_mean_nothing() -> None:
@@ -58,17 +58,17 @@ def test_a_feature_that_never_varies_within_a_class_still_counts() -> None:
 def test_where_nothing_need_be_shrunk_it_is_that_of_scikit_learn() -> None:
     X, y = drawn(3000, 4)
     theirs = LinearDiscriminantAnalysis(solver="lsqr").fit(X, y).predict_proba(X)
-    assert softmax(discriminant(X, y, 3).scores(X)) == pytest.approx(theirs, abs=0.05)
+    assert softmax(discriminant(X, y, 3).scores(X), axis=1) == pytest.approx(theirs, abs=0.05)
 
 
 def test_a_temperature_makes_labels_most_likely_and_few_cases_give_no_certainty() -> None:
     rng = np.random.default_rng(4)
     scores = rng.normal(size=(4000, 3))
-    y = np.array([rng.choice(3, p=share) for share in softmax(scores)])
+    y = np.array([rng.choice(3, p=share) for share in softmax(scores, axis=1)])
     assert temperature_of(5.0 * scores, y) == pytest.approx(5.0, rel=0.1)
     separable = np.eye(2)[np.arange(8) % 2]
     T = temperature_of(separable, np.arange(8) % 2)
-    assert 0.8 < softmax(separable / T).max() < 0.99
+    assert 0.8 < softmax(separable / T, axis=1).max() < 0.99
 
 
 def test_groups_stay_together_and_a_class_of_one_group_is_parted() -> None:
@@ -83,4 +83,6 @@ def test_groups_stay_together_and_a_class_of_one_group_is_parted() -> None:
 def test_losses_are_those_of_the_shares() -> None:
     X, y = drawn(30, 5)
     scores = discriminant(X, y, 3).scores(X)
-    assert log_losses(scores, y) == pytest.approx(-np.log(softmax(scores)[np.arange(30), y]))
+    assert log_losses(scores, y) == pytest.approx(
+        -np.log(softmax(scores, axis=1)[np.arange(30), y])
+    )

@@ -70,9 +70,12 @@ def test_columns_have_other_names_where_their_own_are_absent() -> None:
 
 
 def test_facts_stand_in_columns_and_further_columns_are_covariates() -> None:
-    text = 'path,Tracking,period,landmark:apex,covariate:Age,sex\na.npz,offset,0.8,"0,0,-4",61,f\n'
+    text = (
+        "path,Tracking,period,landmark:apex,covariate:Age,sex\n"
+        'a.npz,normal_displacement,0.8,"0,0,-4",61,f\n'
+    )
     facts = Facts(
-        tracking="offset",
+        tracking="normal_displacement",
         period=0.8,
         landmarks={"apex": (0, 0, -4)},
         covariates={"Age": 61, "sex": "f"},

@@ -87,10 +87,12 @@ def test_a_number_and_a_time_are_no_part_of_the_model() -> None:
 
 
 def test_shipped_models_are_chosen_by_what_the_points_follow() -> None:
-    assert available_models() == ("ventricle-simulated", "ventricle-simulated-offset")
+    assert available_models() == ("ventricle-simulated", "ventricle-simulated-normal-displacement")
     material, other = Facts(tracking="material"), Facts()
     assert shipped_for("ventricle-simulated", material) == "ventricle-simulated"
-    assert shipped_for("ventricle-simulated@2", other) == "ventricle-simulated-offset@2"
+    assert (
+        shipped_for("ventricle-simulated@2", other) == "ventricle-simulated-normal-displacement@2"
+    )
     assert shipped_for("mine", other) == "mine"
     with pytest.raises(NotFoundError):
         load_model("../secret")

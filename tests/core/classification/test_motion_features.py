@@ -28,7 +28,7 @@ PLACE = {
 
 def read(terms: np.ndarray, walls: bool = False) -> dict[str, float]:
     values = axis_parts(terms, MODES, walls=walls)
-    columns = axis_columns(MODES, len(terms), is_offset=terms.shape[2] == 1, walls=walls)
+    columns = axis_columns(MODES, len(terms), along_normal=terms.shape[2] == 1, walls=walls)
     assert len(values) == len(columns)
     return {column.name: value for column, value in zip(columns, values.tolist(), strict=True)}
 
@@ -80,7 +80,7 @@ def test_with_walls_a_wall_is_told_from_the_next() -> None:
     assert read(terms, walls=True) != pytest.approx(read(other, walls=True))
 
 
-def test_of_offsets_narrowing_and_one_side_are_read() -> None:
+def test_of_normal_displacements_narrowing_and_one_side_are_read() -> None:
     terms = np.zeros((2, 18, 1), dtype=np.complex128)
     terms[0, PLACE[0, 0, False], 0] = -3.0
     terms[0, PLACE[0, 1, False], 0] = terms[0, PLACE[0, 1, True], 0] = 1.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.special import softmax
 from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score, roc_curve
 
 from modalmotion.classification.intervals import (
@@ -19,7 +20,6 @@ from modalmotion.classification.intervals import (
     share_interval,
 )
 from modalmotion.classification.intervals import roc_curve as our_roc_curve
-from modalmotion.classification.linear import softmax
 from modalmotion.classification.performance import Answers, performance
 
 CLASSES = ("a", "b", "c")
@@ -29,7 +29,7 @@ def answers(n: int = 60, seed: int = 1, repetitions: int = 1, per_subject: int =
     rng = np.random.default_rng(seed)
     y = np.arange(n) % 3
     scores = rng.normal(size=(repetitions, n, 3)) + 1.2 * np.eye(3)[y]
-    shares = np.stack([np.round(softmax(each), 2) for each in scores])
+    shares = np.stack([np.round(softmax(each, axis=1), 2) for each in scores])
     shares /= shares.sum(axis=2, keepdims=True)
     subjects = [str(i // per_subject) for i in range(n)]
     return Answers(CLASSES, y, subjects, shares, shares.argmax(axis=2))

@@ -105,7 +105,7 @@ def test_a_stated_number_of_modes_is_that_of_the_signatures() -> None:
 
 def test_progress_goes_from_nothing_to_all() -> None:
     shares: list[float] = []
-    train(curves(5), "told", QUICK_CARD, progress=lambda share, _: shares.append(share))
+    train(curves(5), "told", QUICK_CARD, progress=lambda done, total: shares.append(done / total))
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 

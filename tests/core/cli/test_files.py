@@ -90,12 +90,21 @@ def test_what_is_quick_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == ""
 
 
-ALL = ["--tracking", "OFFSET", "--handedness", "right", "--coordinates", "LPS", "--period", "2"]
+ALL = [
+    "--tracking",
+    "NORMAL_DISPLACEMENT",
+    "--handedness",
+    "right",
+    "--coordinates",
+    "LPS",
+    "--period",
+    "2",
+]
 ALL += ["--cavity", "lv", "--modality", "MR", "--landmark", "apex=0,0,-40", "--landmark", "RV=7"]
 ALL += ["--covariate", "age=61", "--covariate", "sex=f"]
 
 FACTS = Facts(
-    tracking="offset",
+    tracking="normal_displacement",
     handedness="right",
     coordinates="LPS",
     period=2.0,
@@ -121,7 +130,10 @@ def test_options_go_over_the_file_and_are_shown_and_written(beat: Path, tmp_path
     assert facts_from_json(json.loads(run.stdout)["facts"]) == FACTS
     assert signature_from_hdf5(out).facts == FACTS
     text = CliRunner().invoke(main, ["signature", str(beat), *ALL]).stdout
-    assert "facts: offset, right, LPS, lv, MR, period 2 s, 2 landmarks, 2 covariates" in text
+    assert (
+        "facts: normal_displacement, right, LPS, lv, MR, period 2 s, 2 landmarks, 2 covariates"
+        in text
+    )
     assert "61" not in text.split("facts: ")[1].splitlines()[0]
 
 

@@ -52,7 +52,7 @@ def test_from_images_to_the_folder_with_no_other_option(tmp_path: Path) -> None:
     share = parts.get("ejection-fraction", parts.get("volume-change"))
     assert share == pytest.approx(100 * (1 - (18 / 22) ** 2), abs=4)
     # Points that slide are read by the model of offsets.
-    assert "ventricle-simulated-offset" in json.dumps(bundle)
+    assert "ventricle-simulated-normal-displacement" in json.dumps(bundle)
     rows = (tmp_path / "out" / "frames.csv").read_text().splitlines()
     assert len(rows) == 1 + len(frames)
     assert (tmp_path / "out" / "report.pdf").read_bytes().startswith(b"%PDF")

@@ -49,7 +49,7 @@ def test_a_folder_becomes_a_sequence_and_a_picture(tmp_path: Path) -> None:
     assert "deviation across" in text
     sequence = read_npz(output.read_bytes()).sequence
     assert sequence.n_frames == 3
-    assert sequence.facts.tracking == "offset"
+    assert sequence.facts.tracking == "normal_displacement"
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
@@ -63,7 +63,7 @@ def test_the_whole_track_and_its_figures(tmp_path: Path) -> None:
     assert track.sequence.id == numbers["sequence_id"]
     assert track.sequence.times is not None
     # The track's own file is read by the other commands, with its deviations.
-    asked = ["signature", str(output), "--kind", "offset", "--json", "--modes", "4"]
+    asked = ["signature", str(output), "--kind", "normal_displacement", "--json", "--modes", "4"]
     result = CliRunner().invoke(main, asked)
     assert json.loads(result.stdout)["deviation_share"] > 0.0
     assert json.loads(result.stdout)["sequence_id"] == numbers["sequence_id"]

@@ -216,11 +216,11 @@ def test_many_signatures_come_in_order_however_many_the_service_gives_at_once(
 ) -> None:
     sequences = [small(seed) for seed in range(5)]
     ids = [remote.upload(one, label=f"class {k}").id for k, one in enumerate(sequences)]
-    shares: list[float] = []
-    found = remote.signatures(ids, modes=4, progress=shares.append)
+    steps: list[tuple[int, int]] = []
+    found = remote.signatures(ids, modes=4, progress=lambda *step: steps.append(step))
     assert [one.id for one in found] == ids
     assert [one.label for one in found] == [f"class {k}" for k in range(5)]
-    assert shares == [0.4, 0.8, 1.0]
+    assert steps == [(2, 5), (4, 5), (5, 5)]
     for one, original in zip(found, sequences, strict=True):
         own = mm.modal_signature(original, mm.SignatureParameters(modes=4))
         assert np.array_equal(one.amplitudes, own.amplitudes)
@@ -276,11 +276,11 @@ def test_sequences_are_listed_page_by_page_named_and_deleted(remote: Client) -> 
 def test_jobs_are_waited_for(remote: Client, sequence: mm.MeshSequence) -> None:
     upload = remote.start_upload(sequence, label="job")
     assert upload.wait().id == sequence.id
-    shares: list[float] = []
+    steps: list[tuple[int, int]] = []
     job = remote.start_signature(sequence.id, modes=11)
-    signature = job.wait(progress=shares.append)
+    signature = job.wait(progress=lambda *step: steps.append(step))
     assert len(signature.modes) == 11
-    assert shares[-1] == 1.0
+    assert steps[-1] == (100, 100)
     assert job.status.is_finished
     assert job.id in [status.id for status in remote.jobs(state="succeeded")]
     again = remote.job(job.id, "application/json").wait()

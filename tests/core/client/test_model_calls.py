@@ -60,9 +60,9 @@ def test_the_features_of_sequences_are_the_librarys_own(remote: Client, tmp_path
 def test_a_model_is_trained_asked_saved_and_deleted(remote: Client, tmp_path: Path) -> None:
     sent = list(cohort(4, 1))
     ids = [remote.upload(one.body, label=one.label, subject=one.subject).id for one in sent]
-    shares: list[float] = []
+    shares: list[int] = []
     quick: dict[str, Any] = {"modes": 7, "repetitions": 1}
-    first = remote.train("walls", ids, progress=shares.append, **quick)
+    first = remote.train("walls", ids, progress=lambda done, _: shares.append(done), **quick)
     assert (first.name, first.version, first.origin) == ("walls", 1, "trained")
     assert shares == sorted(shares)
     renamed = [{"id": one, "label": f"{sent[k].label}!"} for k, one in enumerate(ids)]

@@ -194,7 +194,9 @@ def test_known_errors_of_positions_count_and_their_notes_are_passed_on() -> None
 
 def test_segments_need_the_anterior_wall_and_strain_no_material_points() -> None:
     sequence = beat()
-    facts = replace(sequence.facts, tracking="offset", landmarks={"anterior": (0.0, -20.0, 40.0)})
+    facts = replace(
+        sequence.facts, tracking="normal_displacement", landmarks={"anterior": (0.0, -20.0, 40.0)}
+    )
     strain = strain_of(sequence.with_facts(facts), 5)
     assert strain.segments == SEGMENTS
     assert np.isfinite(strain.by_segment).all()

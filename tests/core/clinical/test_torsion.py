@@ -61,6 +61,6 @@ def test_its_errors_are_those_of_draws() -> None:
 
 
 def test_points_that_may_slide_have_none() -> None:
-    sliding = replace(turned(9.0), facts=Facts(tracking="offset"))
+    sliding = replace(turned(9.0), facts=Facts(tracking="normal_displacement"))
     with pytest.raises(ParameterError, match="tracking=material"):
         torsion_of(sliding)

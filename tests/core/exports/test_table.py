@@ -27,7 +27,7 @@ from modalmotion.mesh import Facts
     [
         ("cup", ("x", "y", "z")),
         ("local", ("radial", "tangential", "axial")),
-        ("offset", ("normal",)),
+        ("normal displacement", ("normal",)),
     ],
 )
 def test_every_amplitude_has_a_row(name: str, directions: tuple[str, ...]) -> None:
@@ -44,7 +44,7 @@ def test_every_amplitude_has_a_row(name: str, directions: tuple[str, ...]) -> No
 
 
 def test_deviations_stand_beside_their_amplitudes() -> None:
-    signature = viewed("offset")[1]
+    signature = viewed("normal displacement")[1]
     assert signature.amplitude_deviations is None
     assert np.isnan(amplitude_table(signature).columns["deviation"]).all()
     sds = 0.1 + np.abs(signature.amplitudes)
@@ -80,7 +80,7 @@ def test_what_is_missing_is_empty_and_texts_are_quoted() -> None:
 
 def test_each_recording_of_a_cohort_has_a_row() -> None:
     sequence, signature = viewed("cup")
-    _, other = viewed("offset")
+    _, other = viewed("normal displacement")
     readouts = clinical_readouts(signature, sequence)
     table = cohort_table(
         [Recording("a.npz", signature, readouts, "P 1", "weak"), Recording("b", other)]

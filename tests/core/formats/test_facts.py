@@ -35,7 +35,7 @@ def test_facts_come_back_from_npz(facts: Facts) -> None:
 def test_facts_are_read_as_a_sender_writes_them() -> None:
     read = read_npz(
         _npz(
-            tracking="offset",
+            tracking="normal_displacement",
             handedness="right",
             coordinates="RAS",
             period=0.8,
@@ -48,7 +48,7 @@ def test_facts_are_read_as_a_sender_writes_them() -> None:
     )
     assert read.ignored == ("meta",)
     assert read.sequence.facts == Facts(
-        tracking="offset",
+        tracking="normal_displacement",
         handedness="right",
         coordinates="RAS",
         period=0.8,
@@ -64,7 +64,7 @@ def test_facts_are_read_as_a_sender_writes_them() -> None:
     [
         {"tracking": 1},
         {"tracking": "tissue"},
-        {"tracking": ["material", "offset"]},
+        {"tracking": ["material", "normal_displacement"]},
         {"period": "0.8"},
         {"period": np.nan},
         {"period": [0.8, 0.9]},
@@ -87,7 +87,7 @@ def test_a_bad_fact_is_refused_with_a_remedy(arrays: dict[str, Any]) -> None:
 
 
 def test_options_go_over_the_file_and_say_so() -> None:
-    data = _npz(tracking="offset", covariates='{"age": 61, "sex": "f"}')
+    data = _npz(tracking="normal_displacement", covariates='{"age": 61, "sex": "f"}')
     said = Facts(tracking="material", cavity="lv", covariates={"sex": "f"})
     read = read_sequence(data, ReadOptions(facts=said))
     assert read.sequence.facts == Facts(

@@ -1,4 +1,4 @@
-"""One door for all formats: what is detected, and what may be stated beside a file."""
+"""One function for all formats: what is detected, and what may be stated beside a file."""
 
 from __future__ import annotations
 

@@ -16,14 +16,14 @@ def test_further_columns_are_covariates_beside_the_facts() -> None:
         "path": "a.npz",
         "label": "rest",
         "subject": "P 1",
-        "tracking": "Offset",
+        "tracking": "Normal_Displacement",
         "covariate:Pulse": "61",
         "age": " 61.5 ",
         "sex": "f",
         "bsa (m^2)": "1.9",
     }
     covariates: dict[str, float | str] = {"Pulse": 61, "age": 61.5, "sex": "f", "bsa (m^2)": 1.9}
-    assert facts_in(row) == Facts(tracking="offset", covariates=covariates)
+    assert facts_in(row) == Facts(tracking="normal_displacement", covariates=covariates)
 
 
 @pytest.mark.parametrize("text", ["", "  ", "NA", "nan", "n/a", "NULL", ".", None, float("nan")])

@@ -102,7 +102,7 @@ def test_a_landmark_is_a_vertex_that_there_is() -> None:
 
 
 def test_what_is_stated_goes_over_what_was_known() -> None:
-    known = Facts(tracking="offset", period=1.0, covariates={"age": 61, "sex": "f"})
+    known = Facts(tracking="normal_displacement", period=1.0, covariates={"age": 61, "sex": "f"})
     said = Facts(tracking="material", covariates={"age": 62})
     both = said.over(known)
     assert both == Facts(tracking="material", period=1.0, covariates={"age": 62, "sex": "f"})

@@ -114,8 +114,8 @@ def test_other_conditions_are_warned_of(norm: Norm) -> None:
 
 def test_points_that_slide_are_not_compared_with_points_that_do_not(norm: Norm) -> None:
     sliding = beat(1000)
-    sliding = replace(sliding, facts=replace(sliding.facts, tracking="offset"))
-    with pytest.raises(ParameterError, match="follow offset"):
+    sliding = replace(sliding, facts=replace(sliding.facts, tracking="normal_displacement"))
+    with pytest.raises(ParameterError, match="tracking of this recording is normal_displacement"):
         norm.deviation(sliding)
 
 

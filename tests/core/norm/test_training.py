@@ -48,12 +48,14 @@ def test_what_is_no_recording_is_named() -> None:
         train_norm([*BEATS, still], "still")
 
 
-def test_points_that_slide_are_read_by_offsets() -> None:
-    sliding = [replace(one, facts=replace(one.facts, tracking="offset")) for one in BEATS]
+def test_points_that_slide_are_read_by_normal_displacements() -> None:
+    sliding = [
+        replace(one, facts=replace(one.facts, tracking="normal_displacement")) for one in BEATS
+    ]
     norm = train_norm(sliding, "contours")
-    assert norm.readable.parameters.kind == "offset"
+    assert norm.readable.parameters.kind == "normal_displacement"
     own = beat(52, MotionClass.HYPOKINESIA)
-    own = replace(own, facts=replace(own.facts, tracking="offset"))
+    own = replace(own, facts=replace(own.facts, tracking="normal_displacement"))
     assert norm.deviation(own, level=0.1).p <= 0.2
 
 

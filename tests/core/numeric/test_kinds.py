@@ -1,4 +1,4 @@
-"""Values of another kind than a door takes are refused by their name."""
+"""Values of another kind than a function takes are refused by their name."""
 
 from __future__ import annotations
 

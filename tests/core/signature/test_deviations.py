@@ -25,7 +25,7 @@ from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import GivenLandmarks, choose_modes, make_template
 from modalmotion.tracking import Track, track
 
-OFFSET = SignatureParameters(kind=SignatureKind.OFFSET, modes=4)
+ALONG_NORMALS = SignatureParameters(kind=SignatureKind.NORMAL_DISPLACEMENT, modes=4)
 BALL = breathing_spheroid(6)
 
 
@@ -46,7 +46,7 @@ def noisy() -> MeshSequence:
 @pytest.mark.every(2)
 @pytest.mark.parametrize("kind", SignatureKind)
 def test_tracked_sequences_have_deviations(tracked: Track, kind: SignatureKind) -> None:
-    signature = modal_signature(tracked.sequence, replace(OFFSET, kind=kind))
+    signature = modal_signature(tracked.sequence, replace(ALONG_NORMALS, kind=kind))
     stated = signature.amplitude_deviations
     assert stated is not None
     assert stated.shape == signature.amplitudes.shape
@@ -54,22 +54,26 @@ def test_tracked_sequences_have_deviations(tracked: Track, kind: SignatureKind) 
     assert any("track" in note for note in signature.notes)
 
 
-def test_offsets_of_a_track_are_as_far_off_as_stated(tracked: Track) -> None:
-    true = modal_signature(BALL, OFFSET).amplitudes
-    signature = modal_signature(tracked.sequence, OFFSET)
+def test_normal_displacements_of_a_track_are_as_far_off_as_stated(tracked: Track) -> None:
+    true = modal_signature(BALL, ALONG_NORMALS).amplitudes
+    signature = modal_signature(tracked.sequence, ALONG_NORMALS)
     assert signature.amplitude_deviations is not None
-    # The first mode is the mean offset: it does not depend on where the axis points.
+    # The first mode is the mean normal displacement: it does not depend on where the axis points.
     off = (signature.amplitudes - true)[1:, 0]
     ratio = np.sqrt((off**2).mean() / (signature.amplitude_deviations[1:, 0] ** 2).mean())
     assert 0.3 < ratio < 2.0
 
 
-def test_material_motion_of_a_track_is_less_sure_than_its_offsets(tracked: Track) -> None:
-    offset = modal_signature(tracked.sequence, OFFSET)
-    material = modal_signature(tracked.sequence, replace(OFFSET, kind=SignatureKind.MATERIAL))
-    assert offset.deviation_share is not None
+def test_material_motion_of_a_track_is_less_sure_than_its_normal_displacements(
+    tracked: Track,
+) -> None:
+    normal = modal_signature(tracked.sequence, ALONG_NORMALS)
+    material = modal_signature(
+        tracked.sequence, replace(ALONG_NORMALS, kind=SignatureKind.MATERIAL)
+    )
+    assert normal.deviation_share is not None
     assert material.deviation_share is not None
-    assert material.deviation_share > 1.2 * offset.deviation_share
+    assert material.deviation_share > 1.2 * normal.deviation_share
 
 
 def test_deviations_follow_from_the_noise_on_request(noisy: MeshSequence) -> None:
@@ -87,8 +91,8 @@ def test_deviations_follow_from_the_noise_on_request(noisy: MeshSequence) -> Non
     assert any("noise" in note for note in signature.notes)
 
 
-def test_offsets_have_them_on_request_too(noisy: MeshSequence) -> None:
-    stated = modal_signature(noisy, replace(OFFSET, deviations=True)).amplitude_deviations
+def test_normal_displacements_have_them_on_request_too(noisy: MeshSequence) -> None:
+    stated = modal_signature(noisy, replace(ALONG_NORMALS, deviations=True)).amplitude_deviations
     assert stated is not None
     assert 0.0 < stated[1:].mean() < 0.1
 
@@ -111,7 +115,7 @@ def test_vertices_that_count_for_less_are_as_independent_as_others(noisy: MeshSe
 
 
 def test_deviations_stay_with_their_amplitudes(tracked: Track) -> None:
-    signature = modal_signature(tracked.sequence, OFFSET)
+    signature = modal_signature(tracked.sequence, ALONG_NORMALS)
     stated = signature.amplitude_deviations
     assert stated is not None
     few = first_modes(signature, 2)
@@ -125,9 +129,9 @@ def test_deviations_stay_with_their_amplitudes(tracked: Track) -> None:
 
 
 def test_a_distance_comes_with_the_one_that_errors_make(tracked: Track) -> None:
-    own = modal_signature(tracked.sequence, OFFSET)
+    own = modal_signature(tracked.sequence, ALONG_NORMALS)
     true = replace(own, amplitude_deviations=None)
-    found = compare(own, modal_signature(tracked.sequence, OFFSET))
+    found = compare(own, modal_signature(tracked.sequence, ALONG_NORMALS))
     assert found.distance == 0.0
     assert found.by_errors is not None
     one = compare(own, true).by_errors
@@ -148,7 +152,7 @@ def test_a_distance_comes_with_the_one_that_errors_make(tracked: Track) -> None:
 
 
 def test_a_share_of_nothing_is_none(tracked: Track) -> None:
-    signature = modal_signature(tracked.sequence, OFFSET)
+    signature = modal_signature(tracked.sequence, ALONG_NORMALS)
     still = replace(signature, amplitudes=np.zeros_like(signature.amplitudes))
     assert still.deviation_share == np.inf
     zero = np.zeros_like(signature.amplitudes)

@@ -30,7 +30,7 @@ MESH = replace(LATTICE, grid=None)
 # Those that the template of a cup reads, and all others.
 READ: dict[str, Any] = {"apex": 0, "theta_zero": (30.0, 0.0, 0.0)}
 NOT_READ = Facts(
-    tracking="offset",
+    tracking="normal_displacement",
     handedness="right",
     coordinates="RAS",
     period=9.0,

@@ -36,6 +36,6 @@ def test_names_say_what_the_components_make_of_a_mode() -> None:
     assert plain_name(CUP, whole) == "translation"
     assert "contraction" in plain_name(CUP, round_)
     assert "contraction" in plain_name(CUP, whole, Components.CYLINDRICAL)
-    assert plain_name(CUP, whole, is_offset=True) == "all outward or all inward"
+    assert plain_name(CUP, whole, along_normal=True) == "all outward or all inward"
     assert plain_name(CUP, ModeLabel((3, 2), "sin")) == "3 half waves along, 2 waves around"
     assert plain_name(None, ModeLabel((4,), "spring")) == "shape 4 of this mesh"

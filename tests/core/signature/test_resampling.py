@@ -48,7 +48,7 @@ def test_a_smooth_beat_is_foreseen_far_better_than_along_straight_lines() -> Non
     found = resample(known, (np.arange(20) + 0.5) / 20)
     straight = (known.vertices + np.roll(known.vertices, -1, axis=0)) / 2.0
     off = np.sqrt(np.mean((found.sequence.vertices - between) ** 2))
-    assert found.course == "cubic"
+    assert found.interpolation == "cubic"
     assert off < 0.5 * np.sqrt(np.mean((straight - between) ** 2))
 
 

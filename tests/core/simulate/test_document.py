@@ -33,7 +33,7 @@ def test_its_code_runs(name: str, n_blocks: int) -> None:
     assert len(blocks) == n_blocks
 
 
-@pytest.mark.parametrize("name", ["ventricle-simulated", "ventricle-simulated-offset"])
+@pytest.mark.parametrize("name", ["ventricle-simulated", "ventricle-simulated-normal-displacement"])
 def test_its_figures_are_those_of_the_model_card(name: str) -> None:
     card = load_model(name).card
     held_out = card.extra["held_out"]

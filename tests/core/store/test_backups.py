@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from guest_table import visit, visits
+from service_table import visit, visits
 
 from modalmotion.cli.commands import main
 from modalmotion.errors import NotFoundError, ParameterError, StoreError

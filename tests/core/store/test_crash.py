@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from guest_table import visits
 from project import ROOT
+from service_table import visits
 from store_samples import (
     KEY,
     MODEL,

@@ -6,7 +6,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from guest_table import STATEMENT
+from service_table import STATEMENT
 
 from modalmotion.errors import CorruptFileError, StoreError
 from modalmotion.store import ResultStore

@@ -21,7 +21,7 @@ from modalmotion.store import ResultStore, rebuild, verify
 from modalmotion.store.folder import record_from, record_of, record_values
 
 STATED = Facts(
-    tracking="offset",
+    tracking="normal_displacement",
     period=2.0,
     landmarks={"apex": 3},
     covariates={"age": 61, "w": "unmistakable"},

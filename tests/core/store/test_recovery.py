@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from damaged_stores import N, damage, flip_signature, flip_upload, four_kept
-from guest_table import STATEMENT
 from project import ROOT
 from sealed_files import changed
+from service_table import STATEMENT
 from store_samples import KEY, assert_same, sample_sequence, sample_signature, tree
 
 from modalmotion.cli.store_commands import store as commands

@@ -33,7 +33,7 @@ def test_oscillators_rest_where_the_solution_is(rng: np.random.Generator) -> Non
     assert np.abs(found.path[-1] - solution).max() <= 1e-6 * np.abs(solution).max()
     assert found.steps[:5] == (0, 1, 2, 4, 8)
     assert len(found.path) == len(found.steps)
-    # The second road begins where the first rests.
+    # The second path begins where the first rests.
     assert drive_frames(A, b, K, Q, found.path[-1], None).path[0] == pytest.approx(found.path[-1])
 
 

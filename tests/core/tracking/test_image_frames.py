@@ -60,7 +60,7 @@ def test_a_beat_is_found_within_a_share_of_a_voxel(tracked: Track) -> None:
     assert tracked.ejection_fraction_bound is not None
     assert tracked.ejection_fraction_bound > abs(tracked.ejection_fraction - true)
     assert tracked.sequence.unit == "mm"
-    assert tracked.sequence.facts.tracking == "offset"
+    assert tracked.sequence.facts.tracking == "normal_displacement"
     assert tracked.sequence.grid == (32, 64)
 
 

@@ -12,12 +12,12 @@ from ellipsoid_images import MIDDLE, Look, planes, spheroid, uneven, volume
 from modalmotion.images import Volume
 from modalmotion.images.edges import Levels
 from modalmotion.tracking.image_levels import renewed
-from modalmotion.tracking.image_view import Facets, Sight, View, view_of
+from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
 
 LOOK = Look(noise=4.0)
 TEMPLATE = spheroid()
 FACETS = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
-SIGHT = Sight(Levels(LOOK.blood, LOOK.wall, 1.0), np.zeros(3), MIDDLE, np.zeros((1, 3)))
+SIGHT = Imaging(Levels(LOOK.blood, LOOK.wall, 1.0), np.zeros(3), MIDDLE, np.zeros((1, 3)))
 
 
 def seen(image: Volume) -> View:
@@ -58,9 +58,9 @@ def test_blood_is_looked_for_beyond_a_dark_layer() -> None:
 @pytest.mark.parametrize("thickness", [1.5, 12.0])
 def test_a_thick_slice_shows_edges_where_the_surface_is(thickness: float) -> None:
     # Drawn inward by h^2 / 24 R: 0.3 mm and more along the axis of slices of 12 mm.
-    sight = replace(SIGHT, shifts=np.zeros((8, 3)))
+    imaging = replace(SIGHT, shifts=np.zeros((8, 3)))
     images = planes(look=Look(noise=0.0), thickness=thickness)
-    view = view_of(images, FACETS, TEMPLATE.vertices, sight.within(4.0), 4.0)
+    view = view_of(images, FACETS, TEMPLATE.vertices, imaging.within(4.0), 4.0)
     k = view.edges.is_found & (view.planes >= 6)
     normal = (view.normals * view.directions).sum(axis=1)
     assert k.sum() > 60

@@ -22,7 +22,7 @@ from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.sequence import is_of_labels
 from modalmotion.tracking import track
-from modalmotion.tracking.label_maps import doubts_of_places, from_labels
+from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
 
 
 @pytest.mark.every(2)
@@ -129,13 +129,13 @@ def test_labels_that_are_nowhere_are_named() -> None:
 def test_a_stated_landmark_outside_all_labels_is_noted() -> None:
     images = ImageSequence((labels(), labels(18.0)))
     away = BASE + 15.0 * AXES[:, 2]
-    assert doubts_of_places(images, {"apex": APEX, "base": BASE}, 0) == ()
-    (note,) = doubts_of_places(images, {"base": away}, 1)
+    assert notes_on_landmarks(images, {"apex": APEX, "base": BASE}, 0) == ()
+    (note,) = notes_on_landmarks(images, {"base": away}, 1)
     assert "base is" in note
     assert "frame 1" in note
     each = np.stack([APEX, APEX - 30.0 * AXES[:, 2]])
-    (note,) = doubts_of_places(images, {"apex": each}, 0)
+    (note,) = notes_on_landmarks(images, {"apex": each}, 0)
     assert "apex is" in note
     assert "frame 1" in note
     # Where it is not known nothing is said.
-    assert doubts_of_places(images, {"apex": np.full(3, np.nan)}, 0) == ()
+    assert notes_on_landmarks(images, {"apex": np.full(3, np.nan)}, 0) == ()

@@ -74,7 +74,7 @@ def test_surface_is_found_within_the_noise(tracked: Track) -> None:
     true = np.abs(cavity_of(TEMPLATE.faces, len(S)).volume(X))
     assert tracked.volumes == pytest.approx(true, rel=0.05)
     assert tracked.noise.sd == pytest.approx(0.5, rel=0.15)
-    assert tracked.sequence.facts.tracking == "offset"
+    assert tracked.sequence.facts.tracking == "normal_displacement"
     assert tracked.sequence.unit == "mm"
     assert tracked.coverage.min() > 0.95
     assert tracked.inliers.min() > 0.8

@@ -21,7 +21,7 @@ from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.edges import Levels
 from modalmotion.tracking import Observation, track
 from modalmotion.tracking.image_frames import below_base, with_end
-from modalmotion.tracking.image_view import Sight
+from modalmotion.tracking.image_view import Imaging
 from modalmotion.tracking.moving_base import base_by_volume
 
 TEMPLATE = spheroid()
@@ -67,9 +67,9 @@ def test_what_is_stated_stays_and_the_rest_is_where_valves_go_by_the_volume_ejec
 
 
 def test_edges_beyond_the_base_do_not_count() -> None:
-    sight = Sight(Levels(100.0, 0.0, 1.0), np.zeros(3), MIDDLE, np.zeros((1, 3)))
-    assert below_base(sight, (), TEMPLATE).valve is None
-    valve = below_base(sight, (landmark(10.0),), TEMPLATE).valve
+    imaging = Imaging(Levels(100.0, 0.0, 1.0), np.zeros(3), MIDDLE, np.zeros((1, 3)))
+    assert below_base(imaging, (), TEMPLATE).valve is None
+    valve = below_base(imaging, (landmark(10.0),), TEMPLATE).valve
     assert valve is not None
     places = MIDDLE + np.outer([-30.0, 8.0, 18.0], AXES[:, 2])
     assert (places @ valve[0] <= valve[1]).tolist() == [True, True, False]

@@ -12,7 +12,7 @@ from modalmotion.images.edges import Levels
 from modalmotion.tracking import track
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.image_search import Scene, left_by_shifts
-from modalmotion.tracking.image_view import Facets, Floats, Sight, view_of
+from modalmotion.tracking.image_view import Facets, Floats, Imaging, view_of
 from modalmotion.tracking.iterations import first_guess
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import normal_equations
@@ -26,14 +26,14 @@ START = np.zeros((7, 3))
 PRIOR, _ = first_guess(SURFACE)
 NOISE = Noise(0.5, 0.2, 28.0)
 LOOK = Look(noise=2.0)
-SIGHT = Sight(Levels(LOOK.blood, LOOK.wall, 1.0), np.zeros(3), MIDDLE, np.zeros((8, 3)))
+SIGHT = Imaging(Levels(LOOK.blood, LOOK.wall, 1.0), np.zeros(3), MIDDLE, np.zeros((8, 3)))
 VIEW = view_of(planes(look=LOOK), FACETS, TEMPLATE.vertices, SIGHT.within(4.0), 4.0)
 SEEN: Frame = (VIEW.observation(),)
 
 
 def left(sd: float, frame: Frame = SEEN) -> Floats:
-    sight = replace(SIGHT, shift_sd=sd)
-    return left_by_shifts(Scene(SURFACE, frame, VIEW, START, PRIOR, NOISE, sight), NORMALS)
+    imaging = replace(SIGHT, shift_sd=sd)
+    return left_by_shifts(Scene(SURFACE, frame, VIEW, START, PRIOR, NOISE, imaging), NORMALS)
 
 
 def test_shifts_leave_what_the_whole_covariance_has_beyond_that_of_known_shifts() -> None:

@@ -30,7 +30,7 @@ def test_a_track_is_its_sequence_with_its_errors(tmp_path: Path) -> None:
     (tmp_path / "beat.h5").write_bytes(track_to_hdf5(track))
     found = sequence_of(tmp_path / "beat.h5", ReadOptions(facts=Facts(cavity="lv")))
     assert found.id == track.sequence.id
-    assert (found.facts.tracking, found.facts.cavity) == ("offset", "lv")
+    assert (found.facts.tracking, found.facts.cavity) == ("normal_displacement", "lv")
     assert found.uncertainty is not None
     # To who reads bytes, it is a sequence like any other.
     read = read_sequence((tmp_path / "beat.h5").read_bytes())
@@ -42,7 +42,7 @@ def test_clouds_are_tracked_with_the_facts_of_their_row(tmp_path: Path) -> None:
     (tmp_path / "clouds.npz").write_bytes(small_recording(2))
     facts = Facts(covariates={"age": 61})
     found = sequence_of(tmp_path / "clouds.npz", ReadOptions(facts=facts, frame_interval=0.1))
-    assert (found.n_frames, found.unit, found.facts.tracking) == (2, "mm", "offset")
+    assert (found.n_frames, found.unit, found.facts.tracking) == (2, "mm", "normal_displacement")
     assert found.facts.covariates["age"] == 61
     assert found.times is not None
     with pytest.raises(ParameterError, match="'tracking' is 'material'"):
@@ -65,8 +65,8 @@ def test_a_changing_mesh_is_tracked_only_where_its_row_says_so(tmp_path: Path) -
         (tmp_path / f"f{k}.ply").write_bytes(write_ply(x, BALL.faces[k:], {}))
     with pytest.raises(ConnectivityError, match="It has") as caught:
         sequence_of(tmp_path)
-    assert "state tracking offset in its row" in caught.value.remedy
-    found = sequence_of(tmp_path, ReadOptions(facts=Facts(tracking="offset")))
+    assert "state tracking normal_displacement in its row" in caught.value.remedy
+    found = sequence_of(tmp_path, ReadOptions(facts=Facts(tracking="normal_displacement")))
     assert found.n_frames == 2
 
 

@@ -29,7 +29,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.tracking import image_frames, track
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_view import Facets, Sight, View, view_of
+from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
 from modalmotion.tracking.trabecular_correction import (
     has_trabeculae,
     muscle_within,
@@ -44,7 +44,7 @@ MIDDLING = 8.0
 AFFINE = np.column_stack([2.0 * np.eye(3), MIDDLE - (np.array(SHAPE) - 1.0)])
 LOOK = Look(noise=1.0)
 LEVELS = Levels(LOOK.blood, LOOK.wall, 1.0)
-SIGHT = Sight(LEVELS, np.zeros(3), MIDDLE, np.zeros((1, 3)), has_layers=True).within(4.0)
+SIGHT = Imaging(LEVELS, np.zeros(3), MIDDLE, np.zeros((1, 3)), has_layers=True).within(4.0)
 
 
 def trabeculated(depth: float, share: float, radius: float = RADIUS) -> Volume:
@@ -168,14 +168,14 @@ def test_the_reference_stays_and_missing_frames_are_left_out() -> None:
 
 def test_only_layers_all_round_are_trabeculae() -> None:
     shape = mesh_sequence(TEMPLATE.vertices[None], TEMPLATE.faces, grid=(20, 40), topology="cup")
-    sight = replace(SIGHT, has_layers=False)
-    assert has_trabeculae(trabeculated(4.0, 0.5), shape, sight, 4.0)
-    assert not has_trabeculae(trabeculated(0.0, 0.0), shape, sight, 4.0)
+    imaging = replace(SIGHT, has_layers=False)
+    assert has_trabeculae(trabeculated(4.0, 0.5), shape, imaging, 4.0)
+    assert not has_trabeculae(trabeculated(0.0, 0.0), shape, imaging, 4.0)
     # Blood of many brightnesses is no noise.
-    assert has_trabeculae(uneven(trabeculated(4.0, 0.5)), shape, sight, 4.0)
-    assert not has_trabeculae(uneven(trabeculated(0.0, 0.0)), shape, sight, 4.0)
+    assert has_trabeculae(uneven(trabeculated(4.0, 0.5)), shape, imaging, 4.0)
+    assert not has_trabeculae(uneven(trabeculated(0.0, 0.0)), shape, imaging, 4.0)
     tube = standard_surface(Lattice(CYLINDER, (4, 8)))
-    assert not has_trabeculae(trabeculated(4.0, 0.5), tube, sight, 4.0)
+    assert not has_trabeculae(trabeculated(4.0, 0.5), tube, imaging, 4.0)
 
 
 @pytest.mark.thorough

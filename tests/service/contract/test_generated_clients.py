@@ -1,4 +1,4 @@
-"""Clients that others generate from the document go the whole road, files included."""
+"""Clients that others generate from the document do the whole task, files included."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_typescript(service: RunningService, sequence: mm.MeshSequence, tmp_path
     run(f"{packages}/openapi-typescript/bin/cli.js", *words)
     run(f"{packages}/typescript/bin/tsc", "-p", ".")
     (tmp_path / "beat.npz").write_bytes(mm.write_npz(sequence))
-    said = json.loads(run("road.js", service.base, "beat.npz", "."))
+    said = json.loads(run("client.js", service.base, "beat.npz", "."))
     assert said["id"] == sequence.id
     expected = mm.modal_signature(sequence, mm.SignatureParameters(modes=7))
     np.testing.assert_allclose(said["amplitudes"], expected.amplitudes, rtol=1e-12)

@@ -60,13 +60,15 @@ def send(client: TestClient) -> Callable[..., Any]:
 
 
 def test_facts_come_in_file_query_and_form(client: TestClient, send: Callable[..., Any]) -> None:
-    facts = Facts(tracking="offset", period=2.0, landmarks={"apex": 3}, covariates={"age": 61})
+    facts = Facts(
+        tracking="normal_displacement", period=2.0, landmarks={"apex": 3}, covariates={"age": 61}
+    )
     ways = [
         send(1, facts),
-        send(2, params={"tracking": "offset", "period": "2", "landmarks": '{"apex": 3}',
-                        "covariates": '{"age": 61}'}),
-        send(3, data={"tracking": "Offset", "period": "2", "landmark:apex": "3",
-                      "covariate:age": "61"}),
+        send(2, params={"tracking": "normal_displacement", "period": "2",
+                        "landmarks": '{"apex": 3}', "covariates": '{"age": 61}'}),
+        send(3, data={"tracking": "Normal_Displacement", "period": "2",
+                      "landmark:apex": "3", "covariate:age": "61"}),
     ]  # fmt: skip
     for answer in ways:
         assert answer.status_code == 201, answer.text
@@ -77,16 +79,21 @@ def test_facts_come_in_file_query_and_form(client: TestClient, send: Callable[..
     plain = send(4).json()
     assert plain["facts"] == facts_as_json(NO_FACTS)
     # The query goes over the form, and both over the file.
-    both = send(5, data={"tracking": "offset", "cavity": "lv"}, params={"tracking": "material"})
+    both = send(
+        5, data={"tracking": "normal_displacement", "cavity": "lv"}, params={"tracking": "material"}
+    )
     assert (both.json()["facts"]["tracking"], both.json()["facts"]["cavity"]) == ("material", "lv")
 
 
 def test_a_known_sequence_keeps_its_facts_and_says_so(send: Callable[..., Any]) -> None:
-    send(10, params={"tracking": "offset"})
+    send(10, params={"tracking": "normal_displacement"})
     # The file is as it was sent, whatever was corrected since: what is unknown comes from it.
     again = send(10, Facts(tracking="material", cavity="lv"))
     assert again.status_code == 200
-    assert (again.json()["facts"]["tracking"], again.json()["facts"]["cavity"]) == ("offset", "lv")
+    assert (again.json()["facts"]["tracking"], again.json()["facts"]["cavity"]) == (
+        "normal_displacement",
+        "lv",
+    )
     notes = again.json()["reading"]["notes"]
     assert "keeps its facts; tracking" in notes[-1]
     assert "cavity is known now too" in notes[-2]
@@ -95,7 +102,7 @@ def test_a_known_sequence_keeps_its_facts_and_says_so(send: Callable[..., Any]) 
 STATEMENTS = {
     "subject": ("P 1", "P 2"),
     "label": ("normal", "dyskinesia"),
-    "tracking": ("offset", "material"),
+    "tracking": ("normal_displacement", "material"),
     "handedness": ("right", "left"),
     "period": ("2.0", "3.0"),
     "cavity": ("lv", "rv"),
@@ -219,7 +226,7 @@ def test_facts_that_contradict_each_other_are_refused_by_name(send: Callable[...
 def test_patch_changes_what_it_names_and_null_resets(
     client: TestClient, send: Callable[..., Any]
 ) -> None:
-    first = Facts(tracking="offset", covariates={"age": 61, "sex": "f"})
+    first = Facts(tracking="normal_displacement", covariates={"age": 61, "sex": "f"})
     here = send(30, first).json()["links"]["self"]
     tag = client.get(here).headers["etag"]
 
@@ -230,7 +237,7 @@ def test_patch_changes_what_it_names_and_null_resets(
         return answer.json()["facts"]
 
     assert changed() == facts_as_json(first)
-    assert changed(period=1.5)["tracking"] == "offset"
+    assert changed(period=1.5)["tracking"] == "normal_displacement"
     assert client.get(here).headers["etag"] != tag
     assert changed(covariates={"age": None, "height": 1.7})["covariates"] == {
         "height": 1.7,
@@ -259,13 +266,13 @@ def test_patch_changes_what_it_names_and_null_resets(
         {"covariates": {"Age": 1, "age": 2}},
         {"covariates": {f"n{k}": 1 for k in range(101)}},
         [],
-        "offset",
+        "normal_displacement",
     ],
 )
 def test_a_bad_change_is_refused_and_changes_nothing(
     client: TestClient, send: Callable[..., Any], facts: Any
 ) -> None:
-    here = send(31, Facts(tracking="offset")).json()["links"]["self"]
+    here = send(31, Facts(tracking="normal_displacement")).json()["links"]["self"]
     before = client.get(here).json()
     answer = client.patch(here, json={"facts": facts, "subject": "nobody"})
     assert answer.status_code == 422, answer.text
@@ -313,12 +320,12 @@ def test_a_change_misses_results_that_read_the_fact_and_no_others(
 
 
 def test_stateless_answers_carry_the_facts_that_were_sent(client: TestClient) -> None:
-    body = write_npz(MESH.with_facts(Facts(tracking="offset", landmarks={"apex": 3})))
+    body = write_npz(MESH.with_facts(Facts(tracking="normal_displacement", landmarks={"apex": 3})))
     answer = client.post("/v1/signature", content=body, params={"modality": "CT"})
     assert answer.json()["facts"]["modality"] == "CT"
     assert answer.json()["landmarks"]["given"] == ["apex"]
     image = client.post("/v1/signature", content=body, headers=HDF5)
-    assert signature_from_hdf5(image.content).facts.tracking == "offset"
+    assert signature_from_hdf5(image.content).facts.tracking == "normal_displacement"
 
 
 def test_only_who_may_write_changes_facts_and_the_log_has_names_without_values(

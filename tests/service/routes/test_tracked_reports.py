@@ -60,11 +60,11 @@ def test_the_whole_road_is_one_job(client: TestClient, phantom: bytes, tmp_path:
     assert list(files) == ["report.pdf", "report.fhir.json", "frames.csv", "view.html"]
     bundle = json.loads(files["report.fhir.json"])
     jsonschema.validate(bundle, PROFILE)
-    assert "ventricle-simulated-offset" in files["report.fhir.json"].decode()
+    assert "ventricle-simulated-normal-displacement" in files["report.fhir.json"].decode()
     (track,) = client.get("/v1/sequences?tracked=true").json()["sequences"]
     here = f"/v1/signatures/{track['id']}"
     # The same as step by step.
-    model = "?model=ventricle-simulated-offset"
+    model = "?model=ventricle-simulated-normal-displacement"
     assert client.get(f"{here}/report{model}").json() == bundle
     table = client.get(f"{here}/report", headers={"Accept": "text/csv"})
     assert table.content == files["frames.csv"]

@@ -63,7 +63,7 @@ def test_a_track_is_made_once_and_is_the_librarys_bit_for_bit(
     assert again.json()["residual_rms"] == here["residual_rms"]
     assert link == f"{HERE}/{here['id']}"
     assert here["links"] == {"self": link, "sequence": f"/v1/sequences/{here['id']}"}
-    assert here["sequence"]["facts"]["tracking"] == "offset"
+    assert here["sequence"]["facts"]["tracking"] == "normal_displacement"
     assert (here["sequence"]["subject"], here["sequence"]["n_frames"]) == ("P 1", 4)
     assert len(here["modes"]) == len(here["determined"]) == 4
     assert here["ejection_fraction"] == pytest.approx(39.5, abs=6.0)
@@ -76,15 +76,15 @@ def test_a_track_sent_as_a_sequence_is_one(client: TestClient, recording: bytes)
     answer = client.post("/v1/sequences", content=track_to_hdf5(own))
     assert answer.status_code == 201, answer.text
     assert answer.json()["id"] == own.sequence.id
-    assert answer.json()["facts"]["tracking"] == "offset"
+    assert answer.json()["facts"]["tracking"] == "normal_displacement"
     assert any("is a track" in note for note in answer.json()["reading"]["notes"])
 
 
 def test_the_tracked_sequence_is_one_like_any_other(client: TestClient, link: str) -> None:
     sequence = client.get(link).json()["links"]["sequence"]
     summary = client.get(sequence).json()
-    assert summary["facts"]["tracking"] == "offset"
-    signature = client.post(f"{sequence}/signatures", json={"kind": "offset"}).json()
+    assert summary["facts"]["tracking"] == "normal_displacement"
+    signature = client.post(f"{sequence}/signatures", json={"kind": "normal_displacement"}).json()
     assert np.shape(signature["amplitudes"]) == (4, 7, 1)
     assert np.shape(signature["amplitude_deviations"]) == (4, 7, 1)
     assert 0.0 < signature["deviation_share"] < 1.0
@@ -108,7 +108,7 @@ def test_the_page_is_sent_some_of_the_data(client: TestClient, link: str) -> Non
     assert np.abs(back - kept.points).max() < 1e-4
     # A page of one file holds them itself.
     sequence = client.get(link).json()["links"]["sequence"]
-    of = signed(client, sequence, kind="offset")
+    of = signed(client, sequence, kind="normal_displacement")
     page = client.get(f"{of}/view", headers={"Accept": "text/html"}).text
     (held,) = re.findall(r'data-points="0">([^<]+)<', page)
     assert gzip.decompress(base64.b64decode(held)) == answer.content
@@ -141,7 +141,7 @@ def test_tracks_alone_are_listed_by_page_and_filter(client: TestClient, link: st
 
 
 def test_a_form_states_facts_and_landmarks(client: TestClient) -> None:
-    """A cup needs its ends, which any door may state; later ones override earlier ones."""
+    """A cup needs its ends, which any route may state; later ones override earlier ones."""
     beat = breathing_spheroid(2)
     clouds = [x[x[:, 2] < 20.0][::5].astype(np.float64) for x in beat.vertices]
     form = {"landmark:apex": "0,0,-40", "covariate:age": "61", "subject": "P 2"}

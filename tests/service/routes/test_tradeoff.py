@@ -150,22 +150,26 @@ def test_an_unknown_sequence_is_not_found(client: TestClient) -> None:
     assert client.post(f"/v1/sequences/{'0' * 64}/tradeoff").status_code == 404
 
 
-def test_a_signature_of_offsets_has_one_amplitude_of_a_mode(client: TestClient, here: str) -> None:
-    own = modal_signature(BEAT, SignatureParameters(kind=SignatureKind.OFFSET))
-    answer = client.post(f"{here}/signatures", json={"kind": "offset"}).json()
-    assert answer["kind"] == "offset" == answer["parameters"]["kind"]
+def test_a_signature_of_normal_displacements_has_one_amplitude_of_a_mode(
+    client: TestClient, here: str
+) -> None:
+    own = modal_signature(BEAT, SignatureParameters(kind=SignatureKind.NORMAL_DISPLACEMENT))
+    answer = client.post(f"{here}/signatures", json={"kind": "normal_displacement"}).json()
+    assert answer["kind"] == "normal_displacement" == answer["parameters"]["kind"]
     assert answer["shape"] == [8, 7, 1]
     assert answer["amplitudes"] == own.amplitudes.tolist()
     assert answer["price"]["amplitudes_per_frame"] == 7
     assert client.get(f"{here}/signature").json()["kind"] == "material"
 
 
-def test_offsets_are_refused_where_only_displacements_serve(client: TestClient, here: str) -> None:
+def test_normal_displacements_are_refused_where_only_displacements_serve(
+    client: TestClient, here: str
+) -> None:
     for call, options in (
         ("signatures", {"auto": True}),
         ("signatures", {"components": "cylindrical"}),
         ("tradeoff", {}),
     ):
-        answer = client.post(f"{here}/{call}", json={"kind": "offset", **options})
+        answer = client.post(f"{here}/{call}", json={"kind": "normal_displacement", **options})
         assert answer.status_code == 422
         assert answer.json()["remedy"]

@@ -1,4 +1,4 @@
-"""A person's road through the pages of a service, in a real browser. Needs Chromium."""
+"""A person's way through the pages of a service, in a real browser. Needs Chromium."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_from_a_dropped_file_to_a_page_of_one_file(
 ) -> None:
     pytest.importorskip("nibabel")
     (tmp_path / "beat.npz").write_bytes(beat)
-    # Under a path, as a proxy has it; the other roads are without one.
+    # Under a path, as a proxy has it; the other tests are without one.
     settings = {"REQUIRE_KEYS": "true", "WORKERS": "1", "WAIT_SECONDS": "60"}
     service = RunningService(tmp_path / "results", {**settings, "PATH_PREFIX": "/motion"}).start()
     base = f"{service.base}/motion"

@@ -142,7 +142,7 @@ def test_a_fault_that_passes_leads_to_another_try(
 
     async def handler(_request: Any, report: Report) -> Any:
         texts.append(runner.text(jobs.list()[0][0]))
-        report(0.9 - 0.1 * tries.n_left)
+        report(0.9 - 0.1 * tries.n_left, "")
         return tries()
 
     runner = Runner(jobs, handler)

@@ -202,7 +202,7 @@ def test_both_kinds_are_weighed_where_points_may_slide(trained: Trained) -> None
         client.patch(f"/v1/sequences/{sequence_id}", json={"facts": None})
     unstated = card("unstated")
     assert any("Both kinds" in note for note in unstated["notes"])
-    assert unstated["options"]["kind"] in ("material", "offset")
+    assert unstated["options"]["kind"] in ("material", "normal_displacement")
 
 
 def test_a_training_that_is_cancelled_leaves_nothing(

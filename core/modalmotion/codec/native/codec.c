@@ -35,7 +35,7 @@ MM_EXPORT(mm_finish) int32_t mm_finish(State *state, uint32_t *words, uint8_t *b
     Coder c = {*state, words, bits};
     if (c.at.range == UINT64_MAX) return FINE;
     const uint64_t point = c.at.lower + UINT32_MAX;
-    if (c.at.n_waiting) settle(&c, point < c.at.lower);
+    if (c.at.n_waiting) resolve_carry(&c, point < c.at.lower);
     put_word(&c, (uint32_t)(point >> 32));
     if ((c.at.lower + c.at.range) >> 32 == point >> 32) put_word(&c, 0);
     return done(state, &c);

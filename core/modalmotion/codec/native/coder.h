@@ -59,7 +59,7 @@ static uint32_t next_word(Coder *c) {
 }
 
 /* Write the words that waited for a carry. */
-static void settle(Coder *c, int carried) {
+static void resolve_carry(Coder *c, int carried) {
     put_word(c, (uint32_t)(c->at.waiting + carried));
     for (int64_t i = 1; i < c->at.n_waiting; i++) put_word(c, carried ? 0 : UINT32_MAX);
     c->at.n_waiting = 0;
@@ -77,7 +77,7 @@ static inline void narrow(Coder *c, uint32_t left, uint32_t right) {
             s->point = s->point << 32 | next_word(c);
         }
     } else {
-        if (s->n_waiting && lower + range > lower) settle(c, lower < s->lower);
+        if (s->n_waiting && lower + range > lower) resolve_carry(c, lower < s->lower);
         if (range < UINT64_C(1) << 32) {
             const uint32_t word = (uint32_t)(lower >> 32);
             lower <<= 32;

@@ -2,7 +2,7 @@
 #ifndef MM_MIXED_H
 #define MM_MIXED_H
 
-#include "answers.h"
+#include "bits.h"
 #include "matrix.h"
 
 enum { N_STEPS = 14, LARGER = 20, ROWS_ABOVE = 6, WIDEST = 30, MOST_MIXED = 1 << 20 };
@@ -44,7 +44,7 @@ static int64_t set_mixed_contexts(Mixer *m, const Seen *rows, int64_t row, int64
 
 static int64_t code_magnitude(Mixer *m, int64_t size, int64_t value) {
     for (int step = 0; step < N_STEPS; step++)
-        if (!ask(m, step, 0, MOST_CONTEXTS, value > step)) return step;
+        if (!code_bit(m, step, 0, MOST_CONTEXTS, value > step)) return step;
     set_context(m, 0, 0, 0);
     set_context(m, 1, 0, size);
     return N_STEPS + code_number(m, LARGER, 2, most(value - N_STEPS, 0));

@@ -5,11 +5,11 @@
 #include "rings.h"
 
 enum {
-    LONE_QUESTION = 13,
-    HERE_QUESTION = 14,
-    DISTANCE_QUESTION = 18,
-    FAR_QUESTION,
-    RANK_QUESTION,
+    LONE_BIT = 13,
+    HERE_BIT = 14,
+    DISTANCE_BIT = 18,
+    FAR_BIT,
+    RANK_BIT,
     N_PROPOSED = 16,
     SEARCHED = 400, /* nodes to look at: for the next one, for the way to it, for vertices near it */
     REMEMBERED = 120,
@@ -334,13 +334,13 @@ static int32_t code_unproposed(Order *o, int32_t node, int32_t n_tried) {
         set_context(m, 0, 0, distance << 8 | one);
         set_context(m, 1, 0, distance << 16 | one << 8 | two);
         set_context(m, 2, 0, distance << 8 | four);
-        if (ask(m, DISTANCE_QUESTION, 0, 3, wanted == distance)) break;
+        if (code_bit(m, DISTANCE_BIT, 0, 3, wanted == distance)) break;
     }
     int64_t rank = reads ? -1 : rank_of(o, node, distance, n_tried);
     set_context(m, 0, 0, 0);
-    if (ask(m, FAR_QUESTION, 0, 1, rank < 0)) return code_anywhere(o, distance, node);
+    if (code_bit(m, FAR_BIT, 0, 1, rank < 0)) return code_anywhere(o, distance, node);
     set_context(m, 0, 0, distance);
-    rank = code_number(m, RANK_QUESTION, 1, most(rank, 0));
+    rank = code_number(m, RANK_BIT, 1, most(rank, 0));
     if (!reads) return node;
     if (o->node < 0) return NOWHERE;
     /* Those that were asked for are passed over. */
@@ -438,7 +438,7 @@ static int32_t code_vertex(Order *o, int32_t node) {
     if (o->lone < o->n_nodes) {
         const int is_lone = !m->c.at.reads && (node >= o->n_nodes || !degree(&o->r, node));
         set_context(m, 0, 0, 0);
-        if (ask(m, LONE_QUESTION, 0, 1, is_lone)) {
+        if (code_bit(m, LONE_BIT, 0, 1, is_lone)) {
             number_next(o, o->lone);
             return o->lone++;
         }
@@ -449,7 +449,7 @@ static int32_t code_vertex(Order *o, int32_t node) {
     for (int32_t place = 0; place < n_likeliest && found < 0; place++) {
         const Proposal *p = o->proposals + o->chosen[place];
         set_here_contexts(o, place, p);
-        if (!ask(m, HERE_QUESTION + (int)least(place, 3), 0, 5, p->node == node)) continue;
+        if (!code_bit(m, HERE_BIT + (int)least(place, 3), 0, 5, p->node == node)) continue;
         found = p->node;
         outcome = place;
     }

@@ -4,10 +4,10 @@
 #ifndef MM_TRIANGLES_H
 #define MM_TRIANGLES_H
 
-#include "answers.h"
+#include "bits.h"
 
 enum { NEW, AHEAD, BEHIND, OLDER };
-enum { GIVEN_UP = -1, NOBODY = -1, OLDER_QUESTION = 12, GIVEN_UP_CODE = 64 };
+enum { GIVEN_UP = -1, NOBODY = -1, OLDER_BIT = 12, GIVEN_UP_CODE = 64 };
 
 /* Kinds of keys in the hash table; those of answers have 1 in their lowest bits. */
 enum { TAG_EDGE = 2, TAG_BESIDE, TAG_RING, TAG_PATH, TAG_PAIR, TAG_TAKEN, TAG_STEPS };
@@ -116,7 +116,7 @@ static int32_t code_older(Walk *w, int32_t node) {
     if (!w->m->c.at.reads)
         for (; v != node; v = w->older[v]) ago++;
     set_context(w->m, 0, 0, w->corner);
-    ago = code_number(w->m, OLDER_QUESTION, 1, ago);
+    ago = code_number(w->m, OLDER_BIT, 1, ago);
     for (v = w->latest; ago && v >= 0; ago--) v = w->older[v];
     return v;
 }
@@ -177,7 +177,7 @@ static int32_t code_corner(Walk *w, int32_t node) {
         const int candidate = asked[w->corner][turn];
         if (candidate == AHEAD && ahead < 0) continue;
         if (candidate == BEHIND && (w->corner ? behind : ahead) < 0) continue;
-        if (ask(w->m, 4 * w->corner + candidate, 0, 7, wanted == candidate)) kind = candidate;
+        if (code_bit(w->m, 4 * w->corner + candidate, 0, 7, wanted == candidate)) kind = candidate;
     }
     if (!w->corner && kind == BEHIND) {
         w->first_pivot++;

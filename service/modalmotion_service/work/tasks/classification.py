@@ -222,11 +222,7 @@ def make_norm(
     progress: Path,
 ) -> None:
     """Make a norm of kept controls and write its HDF5 image; see `train_norm`."""
-    report = ProgressFile(progress).write
-
-    def tell(done: int, total: int) -> None:
-        report(done / total, f"control {done} of {total}")
-
+    report = ProgressFile(progress).of("controls")
     controls = [
         TrainingCase(
             one.read_signature(),
@@ -238,7 +234,7 @@ def make_norm(
         )
         for one in recordings
     ]
-    norm = train_norm(controls, name, modes=modes, topology=topology, progress=tell)
+    norm = train_norm(controls, name, modes=modes, topology=topology, progress=report)
     write_whole(image, norm_to_hdf5(norm))
 
 

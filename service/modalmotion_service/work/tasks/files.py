@@ -8,7 +8,7 @@ import io
 import json
 import secrets
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from modalmotion import store
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress, StageReport, as_share
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
 
@@ -137,7 +138,7 @@ class ProgressFile:
         self._n_read = 0
 
     def write(self, share: float, text: str = "") -> None:
-        """Return the share that is done, 0 to 1, and what is done now."""
+        """Write the share that is done, 0 to 1, and what is done now."""
         now = time.monotonic()
         # What is done now is always told: it may last. So is that something is done at all, or
         # quick work would go from nothing to its end.
@@ -148,6 +149,10 @@ class ProgressFile:
         # No work fails because nobody can be told how far it is.
         with contextlib.suppress(OSError), self._path.open("a") as file:
             file.write(json.dumps([share, text]) + "\n")
+
+    def of(self, stage: str) -> Progress:
+        """Return a callback that writes how much of a stage is done."""
+        return as_share(lambda share: self.write(share, stage))
 
     def news(self) -> list[tuple[float, str]]:
         """Give what was told since the last call, in its order."""
@@ -168,7 +173,7 @@ class ProgressFile:
         return told
 
 
-async def followed(work: Awaitable[T], path: Path, report: Callable[[float, str], None]) -> T:
+async def followed(work: Awaitable[T], path: Path, report: StageReport) -> T:
     """Wait for work, and report what its worker tells: all of it, however fast the work is.
 
     Parameters

@@ -15,7 +15,7 @@ from modalmotion.errors import LimitError
 from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
 from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
 from modalmotion.mesh.facts import Facts
-from modalmotion.progress import Stopwatch
+from modalmotion.progress import Stopwatch, as_share
 from modalmotion.signature.making import SignatureParameters, resolve_parameters, resolve_template
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template.vibration_modes import surface_modes
@@ -50,7 +50,7 @@ def ingest(
     """
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
-        reading = upload.read(lambda done, total: report(done / max(total, 1)))
+        reading = upload.read(as_share(report))
     with watch.stage("image"):
         record = store.record_of(reading.sequence, created="", has_upload=True)
         write_whole(image, store.upload_image(reading.sequence))
@@ -106,14 +106,13 @@ def encode_sequence(
     source: Upload | Path, target: EncodingTarget, output: Path, progress: Path
 ) -> EncodedAnswer:
     """Write an upload or a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
-    told = ProgressFile(progress)
     found = encode(
         store.sequence_from_hdf5(source) if isinstance(source, Path) else source.read().sequence,
         rms=target.rms,
         max_error=target.max_error,
         n_bytes=target.bytes,
         effort=target.effort,
-        progress=lambda done, of: told.write(done / of),
+        progress=ProgressFile(progress).of("encoding"),
     )
     write_whole(output, found.data)
     return EncodedAnswer.of(found)

@@ -12,7 +12,7 @@ from modalmotion import store
 from modalmotion.errors import InputError, NotFoundError, ParameterError
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file, write_images
-from modalmotion.progress import Stopwatch
+from modalmotion.progress import Stopwatch, as_share
 from modalmotion.tracking import Track
 from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map
@@ -58,13 +58,11 @@ def follow(
             recorded = source.observed(
                 parameters.contours,
                 parameters.coordinates,
-                lambda done, total: report(done / max(total, 1)),
+                as_share(report),
             )
         surface = None if start is None else store.sequence_from_hdf5(start)
     with watch.stage("track") as report:
-        result = parameters.follow(
-            recorded, start=surface, progress=lambda done, total: report(done / max(total, 1))
-        )
+        result = parameters.follow(recorded, start=surface, progress=as_share(report))
     with watch.stage("image"):
         record = store.record_of(result.sequence, created="", has_upload=True)
         write_whole(sequence, store.upload_image(result.sequence))
@@ -150,7 +148,7 @@ def ingest_images(
     """
     watch = Stopwatch(_IMAGE_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
-        images = upload.images(lambda done, total: report(done / max(total, 1)))
+        images = upload.images(as_share(report))
     with watch.stage("image"), whole_file(file) as temporary:
         write_images(temporary, images)
     return _with_ends(store.images_record_of(images), images), watch.milliseconds

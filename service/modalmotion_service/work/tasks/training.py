@@ -33,7 +33,7 @@ Cases = list[CaseFile | Unfitted]
 
 def train_model(
     cases: Cases,
-    offsets: Cases | None,
+    normal_displacements: Cases | None,
     name: str,
     options: dict[str, Any],
     training: str,
@@ -47,7 +47,7 @@ def train_model(
     Parameters
     ----------
     cases : list of CaseFile or Unfitted
-    offsets : list of CaseFile or Unfitted, or None
+    normal_displacements : list of CaseFile or Unfitted, or None
         The same by their normal displacements, where both kinds are weighed.
     name : str
     options : dict
@@ -70,10 +70,10 @@ def train_model(
     ClusterError
         If the scheduler or its workers are lost.
     """
-    report, chosen = ProgressFile(progress).write, TrainingOptions.from_json(options)
+    report, chosen = ProgressFile(progress).of("training"), TrainingOptions.from_json(options)
 
     def work() -> Model:
-        return train(cases, name, chosen, report, offsets=offsets)
+        return train(cases, name, chosen, report, normal_displacements=normal_displacements)
 
     if scheduler is not None:
         model = _on_workers(work, scheduler)

@@ -129,4 +129,4 @@ def test_encoding_tells_how_far_it_is(tmp_path: Path) -> None:
         sequences.encode_sequence(kept, EncodingTarget(rms=0.5), output, progress)
     assert shares == sorted(shares)
     assert any(0.0 < share < 1.0 for share in shares)
-    assert ProgressFile(progress).news()[-1] == (1.0, "")
+    assert ProgressFile(progress).news()[-1] == (1.0, "encoding")

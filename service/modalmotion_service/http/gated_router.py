@@ -1,4 +1,4 @@
-"""Routes that the gate must have judged, and whose query and body are checked and described."""
+"""Routes that the gate must have checked, and whose query and body are checked and described."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
 
-from modalmotion_service.http.gate import require_judged
+from modalmotion_service.http.gate import require_gate
 from modalmotion_service.http.negotiation import JSON
 
 Body = TypeVar("Body", bound=BaseModel)
@@ -125,8 +125,8 @@ def _names(dependant: Dependant) -> Iterator[str]:
         yield from _names(part)
 
 
-class JudgedRouter(APIRouter):
-    """Router of which every route requires the gate's judgement, and refuses unknown parameters.
+class GatedRouter(APIRouter):
+    """Router of which every route requires the gate's check, and refuses unknown parameters.
 
     The first line of a handler's documentation is the summary of its call, the rest describes it.
 
@@ -141,7 +141,7 @@ class JudgedRouter(APIRouter):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(dependencies=[Depends(require_judged), Depends(require_known)], **options)
+        super().__init__(dependencies=[Depends(require_gate), Depends(require_known)], **options)
 
     def add_api_route(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
         """Add a route with its documentation."""

@@ -1,11 +1,11 @@
 /* Bits that are predicted by mixing what several contexts expect: docs/format.md, section 8. */
-#ifndef MM_ANSWERS_H
-#define MM_ANSWERS_H
+#ifndef MM_BITS_H
+#define MM_BITS_H
 
 #include "coder.h"
 
 enum {
-    N_QUESTIONS = 24,
+    N_BIT_MODELS = 24,
     MOST_CONTEXTS = 8,
     FIRST_WEIGHT = 22938,
     LARGEST_LOGIT = 2047,
@@ -24,8 +24,8 @@ typedef struct {
     Coder c;
     Slot *slots;
     uint64_t n_slots, n_keys;
-    int64_t weights[N_QUESTIONS][MOST_CONTEXTS];
-    uint64_t high[MOST_CONTEXTS], low[MOST_CONTEXTS]; /* contexts of the next question */
+    int64_t weights[N_BIT_MODELS][MOST_CONTEXTS];
+    uint64_t high[MOST_CONTEXTS], low[MOST_CONTEXTS]; /* contexts of the next bit */
     int32_t logarithms[MOST_COUNTED + 2];             /* 256 ln(n + 0.4) */
     int32_t chances[2 * LARGEST_LOGIT + 1];           /* 65536 / (1 + exp(-d / 256)) */
     int32_t trusts[MOST_TRUSTED + 3];                 /* 1024 ln n */
@@ -54,7 +54,7 @@ static Mixer *take_mixer(Room *room, int64_t n_keys, int grow) {
     if (m) m->n_slots = n_slots;
     if (!slots) return m;
     m->slots = slots;
-    for (int i = 0; i < N_QUESTIONS; i++)
+    for (int i = 0; i < N_BIT_MODELS; i++)
         for (int j = 0; j < MOST_CONTEXTS; j++) m->weights[i][j] = FIRST_WEIGHT;
     for (int n = 0; n < MOST_COUNTED + 2; n++)
         m->logarithms[n] = nearest(256.0 * logarithm(n + 0.4));
@@ -94,30 +94,30 @@ static int64_t *value_of(Mixer *m, uint64_t tag, uint64_t key) {
     }
 }
 
-/* State a context of the next question: 39 and 64 bits that nothing else has. */
+/* Set a context of the next bit: 39 and 64 bits that nothing else has. */
 static inline void set_context(Mixer *m, int i, int64_t high, int64_t low) {
     m->high[i] = (uint64_t)high;
     m->low[i] = (uint64_t)low;
 }
 
-/* Code one answer with the n contexts that were set, and learn from it. */
-static int ask(Mixer *m, int question, int step, int n, int value) {
-    int64_t *seen[MOST_CONTEXTS], *weights = m->weights[question], total = 0;
+/* Code a bit with the n contexts that were set, and adapt its model. */
+static int code_bit(Mixer *m, int model, int step, int n, int value) {
+    int64_t *seen[MOST_CONTEXTS], *weights = m->weights[model], total = 0;
     int32_t odds[MOST_CONTEXTS];
     for (int i = 0; i < n; i++) {
-        const uint64_t where = 1 | (uint64_t)i << 5 | (uint64_t)question << 8 | (uint64_t)step << 16;
+        const uint64_t where = 1 | (uint64_t)i << 5 | (uint64_t)model << 8 | (uint64_t)step << 16;
         seen[i] = value_of(m, where | m->high[i] << 24, m->low[i]);
         odds[i] = m->logarithms[*seen[i] >> 16] - m->logarithms[*seen[i] & 0xFFFF];
         total += weights[i] * odds[i];
     }
     const int64_t logit = most(-LARGEST_LOGIT, least(LARGEST_LOGIT, total >> 16));
     const int chance = m->chances[logit + LARGEST_LOGIT];
-    const int answer = code_odds(&m->c, chance, value);
-    const int64_t surprise = 3 * ((answer ? 65536 : 0) - chance);
+    const int bit = code_odds(&m->c, chance, value);
+    const int64_t surprise = 3 * ((bit ? 65536 : 0) - chance);
     for (int i = 0; i < n; i++) {
         weights[i] += odds[i] * surprise >> 16;
         int no = (int)(*seen[i] & 0xFFFF), yes = (int)(*seen[i] >> 16);
-        int *same = answer ? &yes : &no, *other = answer ? &no : &yes;
+        int *same = bit ? &yes : &no, *other = bit ? &no : &yes;
         ++*same;
         if (*other > 2) *other = (*other + 2) / 2;
         if (no + yes > MOST_COUNTED) {
@@ -126,14 +126,14 @@ static int ask(Mixer *m, int question, int step, int n, int value) {
         }
         *seen[i] = (int64_t)yes << 16 | no;
     }
-    return answer;
+    return bit;
 }
 
 /* Code a number >= 0 with the n contexts that were set. */
-static int64_t code_number(Mixer *m, int question, int n, int64_t value) {
+static int64_t code_number(Mixer *m, int model, int n, int64_t value) {
     const int length = log_2((uint64_t)value + 1);
     int step = 0;
-    while (ask(m, question, step, n, step < length)) {
+    while (code_bit(m, model, step, n, step < length)) {
         if (++step > WIDEST_NUMBER || m->c.at.status) {
             fail(&m->c, ENDLESS);
             return 0;

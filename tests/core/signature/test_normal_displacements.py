@@ -1,4 +1,4 @@
-"""Offsets: of the surface and not of its points, outward, without rotation and drift."""
+"""Normal displacements: of the surface, not its points; outward, without rotation and drift."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from modalmotion.signature.making import (
     modal_signature,
 )
 from modalmotion.signature.reconstruction import reconstruct
-from modalmotion.signature.superposition import offset_reference
+from modalmotion.signature.superposition import normal_reference
 from modalmotion.simulate import Acquisition, Spacing, VentricleParameters, simulate_ventricle
 from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.template import shapes_of
 
-OFFSET = SignatureParameters(kind=SignatureKind.OFFSET)
+ALONG_NORMALS = SignatureParameters(kind=SignatureKind.NORMAL_DISPLACEMENT)
 GRID = (24, 48)
 VARIED = VentricleParameters(shape_variation=2.0, motion_variation=1.0)
 BEAT = simulate_ventricle(
@@ -67,7 +67,7 @@ def slid(sequence: MeshSequence) -> MeshSequence:
 
 
 def fitted(sequence: MeshSequence, **options: object) -> ModalSignature:
-    return modal_signature(sequence, replace(OFFSET, **options))  # type: ignore[arg-type]
+    return modal_signature(sequence, replace(ALONG_NORMALS, **options))  # type: ignore[arg-type]
 
 
 def apart(a: ModalSignature, b: ModalSignature) -> float:
@@ -129,7 +129,7 @@ def test_rotation_stays_where_it_is_not_to_be_removed() -> None:
     assert apart(signature, fitted(BEAT)) > 0.2
 
 
-def test_what_repeats_the_reference_has_no_offset_to_the_last_bit() -> None:
+def test_what_repeats_the_reference_has_no_normal_displacement_to_the_last_bit() -> None:
     signature = fitted(BEAT)
     for values in (signature.amplitudes, signature.rms_errors, signature.translations):
         assert not values[0].any()
@@ -143,7 +143,7 @@ def test_inward_is_negative_whichever_way_triangles_are_wound() -> None:
     np.testing.assert_allclose(fitted(turned).amplitudes, signature.amplitudes, atol=1e-9)
 
 
-def test_a_mesh_and_a_lattice_of_one_ventricle_have_nearly_the_same_offsets() -> None:
+def test_a_mesh_and_a_lattice_of_one_ventricle_have_nearly_the_same_normal_displacements() -> None:
     mesh = simulate_ventricle(
         VARIED, n_vertices=1000, acquisition=Acquisition(n_frames=8), rng=np.random.default_rng(5)
     )
@@ -167,7 +167,9 @@ def test_the_order_of_the_vertices_hardly_matters() -> None:
 
 
 @pytest.mark.parametrize("topology", [CUP, CYLINDER])
-def test_a_lattice_has_the_offsets_of_the_triangles_between_its_nodes(topology: Topology) -> None:
+def test_a_lattice_has_the_normal_displacements_of_the_triangles_between_its_nodes(
+    topology: Topology,
+) -> None:
     lattice = replace(BEAT, topology=topology)
     triangles = mesh_sequence(
         BEAT.vertices, lattice_faces(topology, GRID), topology=topology, unit="mm", times=BEAT.times
@@ -201,7 +203,7 @@ def test_where_the_rows_of_a_lattice_lie_hardly_matters() -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-3, 1e150])
-def test_offsets_grow_with_the_unit(scale: float) -> None:
+def test_normal_displacements_grow_with_the_unit(scale: float) -> None:
     scaled = replace(MESH_BEAT, vertices=MESH_BEAT.vertices * scale)
     amplitudes = fitted(scaled).amplitudes / scale
     np.testing.assert_allclose(amplitudes, fitted(MESH_BEAT).amplitudes, atol=1e-6)
@@ -224,7 +226,7 @@ def test_vertices_in_no_triangle_and_doubled_ones_change_nothing() -> None:
 def test_reconstruction_moves_the_reference_along_its_normals() -> None:
     signature = fitted(BEAT)
     template = make_template(BEAT, by_rows=False)
-    directions, centre = offset_reference(template, template.vertices)
+    directions, centre = normal_reference(template, template.vertices)
     # Rotation and drift taken out again.
     surface = reconstruct(signature, BEAT) - centre - signature.translations[:, None]
     u = surface @ signature.rotations.matrices - (template.vertices - centre)

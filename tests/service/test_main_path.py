@@ -285,17 +285,17 @@ def test_what_the_points_follow_chooses_the_shipped_model(client: TestClient, be
     sequence_id = send(client, beat)
     here = f"/v1/sequences/{sequence_id}"
     named: list[tuple[str, bool]] = []
-    for tracking in ("material", "offset", "unknown"):
+    for tracking in ("material", "normal_displacement", "unknown"):
         assert client.patch(here, json={"facts": {"tracking": tracking}}).status_code == 200
         answer = client.post(f"/v1/signatures/{sequence_id}/classifications").json()
         named.append((answer["model"], "tracking=material" in answer["notes"][0]))
-    offset = "ventricle-simulated-offset"
-    assert named == [("ventricle-simulated", False), (offset, False), (offset, True)]
+    normal = "ventricle-simulated-normal-displacement"
+    assert named == [("ventricle-simulated", False), (normal, False), (normal, True)]
     sent = {
         tracking: client.post("/v1/classify", params={"tracking": tracking}, content=beat).json()
-        for tracking in ("material", "offset")
+        for tracking in ("material", "normal_displacement")
     }
-    assert [sent[one]["model"] for one in sent] == ["ventricle-simulated", offset]
+    assert [sent[one]["model"] for one in sent] == ["ventricle-simulated", normal]
     client.patch(here, json={"facts": {"tracking": "material"}})
 
 
