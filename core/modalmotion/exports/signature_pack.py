@@ -99,7 +99,7 @@ def export(root: Path, out: Path, *, progress: Progress | None = None) -> PackRe
 
     Signatures with the same parameters, modes and unit form a group; their frames follow one
     another, and `n_frames` says how many belong to each. A damaged signature is left out: the
-    report names it. Needs memory in proportion to the file.
+    report names it. Needs twice the memory that the file takes on disk.
 
     Parameters
     ----------
@@ -195,17 +195,19 @@ def _image(signatures: Iterable[Packed]) -> memoryview:
             group.attrs["parameters_key"] = key
             group.attrs["topology"] = signature.surface
             group.attrs["unit"] = unit
-            found = [
-                (one.name, one.values, one.unit, one.axes) for one in mode_datasets(signature.modes)
-            ]
-            for column, of in zip(_COLUMNS, rows, strict=True):
-                values = np.concatenate(of)
+            for one in mode_datasets(signature.modes):
+                _add(group, one.name, one.values, one.unit, one.axes)
+            for column in _COLUMNS:
+                # Let go of as it is written: the file is in memory too.
+                values = np.concatenate(rows.pop(0))
                 values = values.astype(h5py.string_dtype()) if values.dtype.kind == "U" else values
-                found.append((column.name, values, column.unit.replace("*", unit), column.axes))
-            for name, values, in_unit, axes in found:
-                attributes = group.create_dataset(name, data=values).attrs
-                attributes["unit"], attributes["axes"] = in_unit, axes
+                _add(group, column.name, values, column.unit.replace("*", unit), column.axes)
     return image.getbuffer()
+
+
+def _add(group: Any, name: str, values: NDArray[Any], unit: str, axes: str) -> None:
+    attributes = group.create_dataset(name, data=values).attrs
+    attributes["unit"], attributes["axes"] = unit, axes
 
 
 def _or_nan(values: NDArray[np.float64] | None, like: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -258,6 +258,9 @@ def bands_of(
     # What orthonormal shapes leave has the products that theirs lack.
     parts = np.stack([*bands, products_of(noise.fields, weights) - products_of(own)], axis=1)
     variances = np.trace(parts, axis1=2, axis2=3) / parts.shape[2]
+    # The smoothest noise leaves less beyond the modes of a lattice than the difference's rounding.
+    least = 8.0 * np.finfo(np.float64).eps * variances.max(axis=1, keepdims=True)
+    variances = np.maximum(variances, least)
     columns = np.maximum(3.0 * independent(parts), 1.0)
     # What white noise brings is known: chance cancels in the ratio of smooth fields to white ones.
     squares = (rows[shift:] ** 2).sum(axis=1)

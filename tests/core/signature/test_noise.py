@@ -47,6 +47,21 @@ def estimated(sequence: MeshSequence, **said: Any) -> float:
     return found_in(Fitter.of(sequence, make_template(sequence), asked)).noise.sigma
 
 
+def test_what_noise_leaves_beyond_the_modes_of_a_lattice_is_no_less_than_rounding() -> None:
+    angle = 2 * np.pi * np.arange(24) / 24
+    tube, hole = np.meshgrid(angle, angle, indexing="ij")
+    x, y, z = (3 + np.cos(tube)) * np.cos(hole), (3 + np.cos(tube)) * np.sin(hole), np.sin(tube)
+    start = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    frames = np.stack([start * [1 + k / 40, 1, 1] for k in range(8)])
+    torus = mesh_sequence(frames, topology="torus", grid=(24, 24))
+    fitter = Fitter.of(torus, make_template(torus), SignatureParameters())
+    ladder = nested_modes(fitter.template, 128, torus.grid)
+    smooth = SmoothNoise.on(fitter.template)
+    bands = bands_of(fitter, ladder, fitter.along(ladder.basis.analysis), smooth)
+    largest = bands.expected.max(axis=1, keepdims=True)
+    assert (bands.expected > 4 * np.finfo(np.float64).eps * largest).all()
+
+
 @pytest.mark.every(3)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.5, 1.0])
