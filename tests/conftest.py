@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +28,7 @@ from services import (  # fixtures, which pytest finds here
     shared_data_dir,
     trained,
 )
+from shared_parser import shared_parsers
 from xdist.remote import Producer
 
 from modalmotion.formats import read_npz
@@ -44,6 +45,7 @@ __all__ = [
     "fresh_client",
     "fresh_data_dir",
     "npz",
+    "parsers",
     "real_data",
     "real_sequence",
     "rng",
@@ -80,6 +82,13 @@ def real_data() -> Path:
 def real_sequence(real_data: Path) -> Callable[[str], MeshSequence]:
     """Read a real sequence by its name, such as "heart/lv_endocardium"."""
     return lambda name: read_npz((real_data / f"{name}.npz").read_bytes()).sequence
+
+
+@pytest.fixture(scope="session", autouse=True)
+def parsers() -> Iterator[None]:
+    """One parser's process for the files of all tests."""
+    with shared_parsers():
+        yield
 
 
 # Each process collects thousands of tests and imports everything, which stays to the end: looked

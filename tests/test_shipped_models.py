@@ -25,7 +25,9 @@ from modalmotion.simulate import MotionClass
 
 @cache
 def drawn(name: str) -> list[TrainingCase]:
-    return list(hearts(RECIPES[name], 3, 5, is_varied=True))
+    """All noises of the default model, of the other as many as have both makes and all classes."""
+    n = None if name == DEFAULT_MODEL else 2 * len(RECIPES[name].classes)
+    return list(islice(hearts(RECIPES[name], 3, 5, is_varied=True), n))
 
 
 @pytest.mark.parametrize("name", list(RECIPES))

@@ -411,6 +411,7 @@ class IdempotencyKeys:
             Of name, subject, label and facts.
         *places : str
         """
+        self.write_late()
         members = "".join(
             f", '$.{of}{name}', json(?)" for of in ("", "sequence.") for name in values
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from modalmotion.simulate import MotionClass, simulate_cohort
 TWO = (MotionClass.NORMAL, MotionClass.DYSSYNCHRONY)
 
 
+@cache
 def beats(n: int, seed: int) -> list[tuple[MeshSequence, str]]:
     drawn = simulate_cohort(n, rng=np.random.default_rng(seed), classes=TWO, triangle_share=0.0)
     return [(case.sequence, str(case.label)) for case in drawn]

@@ -12,7 +12,7 @@ from modalmotion.images import PlaneSet, Volume
 from modalmotion.simulate import ImageKind, PhantomSettings, VentricleParameters, simulate_images
 from modalmotion.simulate.phantom import Phantom
 
-CLEAN = PhantomSettings(noise=0.0, coarseness=1.5)
+CLEAN = PhantomSettings(noise=0.0, coarseness=2.0)
 
 NOISY = PhantomSettings(coarseness=2.0)
 
@@ -51,7 +51,7 @@ def test_papillary_muscles_are_in_the_pool_and_as_large_as_is_said(ct: Phantom) 
     one, other = ct.images.frames[0], without.images.frames[0]
     assert isinstance(one, Volume)
     assert isinstance(other, Volume)
-    missing = (other.values.astype(float) - one.values).sum() / 550.0 * 1.5**3
+    missing = (other.values.astype(float) - one.values).sum() / 550.0 * CLEAN.coarseness**3
     assert missing == pytest.approx(ct.papillary_volume, rel=0.1)
     assert without.papillary_volume == 0.0
     assert 2000.0 < ct.papillary_volume < 8000.0
@@ -72,7 +72,9 @@ def test_trabeculae_keep_their_muscle_and_look_like_wall_at_end_systole() -> Non
     for without, own in zip(beat[0].images.frames, beat[1].images.frames, strict=True):
         assert isinstance(without, Volume)
         assert isinstance(own, Volume)
-        missing.append(float((without.values.astype(float) - own.values).sum()) / 550.0 * 1.5**3)
+        missing.append(
+            float((without.values.astype(float) - own.values).sum()) / 550.0 * CLEAN.coarseness**3
+        )
     assert missing[0] == pytest.approx(beat[1].papillary_volume, rel=0.1)
     assert missing[0] > 5000.0
     assert missing == pytest.approx([missing[0]] * 2, rel=0.15)

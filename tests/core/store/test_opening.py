@@ -202,9 +202,9 @@ def test_reading_during_a_deletion_gives_the_whole_or_says_it_is_gone(tmp_path: 
                     gone += 1
             return whole, gone
 
-        with ThreadPoolExecutor(3) as pool:
-            readers = [pool.submit(read) for _ in range(3)]
-            for _ in range(15):
+        with ThreadPoolExecutor(2) as pool:
+            readers = [pool.submit(read) for _ in range(2)]
+            for _ in range(6):
                 store.put_sequence(sequence)
                 store.put_signature(signature)
                 store.delete_sequence(sequence.id)

@@ -71,6 +71,7 @@ def test_a_tube_has_two_rims_in_sectors_all_round() -> None:
     assert ((alike > 0.3) & (alike < 1.0)).all()
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.5])
 @pytest.mark.parametrize("beyond", [-0.2, 0.0, 2.0])
 def test_a_cloud_ends_where_its_density_does(noise: float, beyond: float) -> None:

@@ -265,7 +265,7 @@ def test_a_lost_context_comes_back_with_the_same_picture(chromium: Browser, beat
 def test_a_frame_of_a_large_surface_is_little_work(
     chromium: Browser, page_of: Callable[..., str]
 ) -> None:
-    still = standard_surface(Lattice(CUP, (40, 100)))
+    still = standard_surface(Lattice(CUP, (20, 50)))
     frames = np.stack([still.vertices[0] * (1.0 - 0.1 * t) for t in (0.0, 1.0, 0.5)])
     sequence = mesh_sequence(frames, grid=still.grid, topology=CUP, unit="mm")
     signature = modal_signature(sequence, SignatureParameters(modes=21))

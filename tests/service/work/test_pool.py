@@ -84,10 +84,11 @@ def count(futures: list[Future[Any]], ends: Counter[str]) -> None:
             ends["done"] += 1
 
 
-def test_a_few_dozen_kills_leave_no_future_unsettled() -> None:
-    ends = kill_and_count(10, seed=1)
+def test_a_few_kills_leave_no_future_unsettled() -> None:
+    # By this seed of all workers, of one and of the fork server, at rest and at work.
+    ends = kill_and_count(4, seed=9)
     assert ends.keys() <= {"done", "failed by name"}, ends
-    assert ends["done"] > 25
+    assert ends["done"] > 8
 
 
 @pytest.mark.soak

@@ -100,3 +100,21 @@ def test_an_answer_that_could_not_be_kept_is_kept_before_its_key_is_claimed_agai
     assert again is not None
     assert again.status == 202
     assert keys.claim("undone", "sent") is None
+
+
+def test_an_answer_that_is_kept_late_states_what_was_changed_before(
+    keys: IdempotencyKeys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full() -> None:
+        raise StoreError("The disk is full.")
+
+    keys.claim("late", "sent")
+    answer = {"body": '{"subject":"P7","n":1}', "headers": {"location": "/v1/sequences/ab"}}
+    with monkeypatch.context() as now:
+        now.setattr(keys._database, "write", full)
+        with pytest.raises(StoreError):
+            keys.complete("late", 201, answer)
+    keys.restate({"subject": "P8"}, "/v1/sequences/ab")
+    again = keys.claim("late", "sent")
+    assert again is not None
+    assert again.response["body"] == '{"subject":"P8","n":1}'
