@@ -43,19 +43,22 @@ Floats = NDArray[np.float64]
 # reference, before their volumes are known.
 _DESCENT: Final = 0.1
 
+# mm: deviation of the tip of a ventricle from its place in the reference, where no apex is stated.
+_TIP: Final = 6.0
+
 # mm beyond the base that an edge may be seen at: its rim is no plane across the axis.
 _BEYOND: Final = 3.0
 
 
-def with_base(
-    stated: Sequence[Frame], template: Template, reference: int, places: Floats
+def with_end(
+    stated: Sequence[Frame], reference: int, end: str, places: Floats, sd: float
 ) -> tuple[Frame, ...]:
-    """Hold the base of a cup at places, (frames, 3) or (3,), in frames that state none."""
+    """Hold an end at places, (frames, 3) or (3,), in frames that do not state it."""
     each = np.broadcast_to(places, (len(stated), 3))
     return tuple(
         frame
-        if template.surface != CUP or k == reference or "base" in ends_in(frame)
-        else (*frame, Observation(place[None], sd=HELD, places=("base",)))
+        if k == reference or end in ends_in(frame)
+        else (*frame, Observation(place[None], sd=sd, places=(end,)))
         for k, (frame, place) in enumerate(zip(stated, each, strict=True))
     )
 
@@ -193,15 +196,16 @@ def frames_of_images(
     template = make_template(shape)
     surface = Deformable.of(template, modes)
     facets = Facets.of(template.faces, template.vertices, template.weights)
-    marks, is_cup = stated, template.surface == CUP
-    if is_cup:
+    tips = marks = stated
+    if is_cup := template.surface == CUP:
         tip, base = ends_of_cup(template)
-        marks = with_base(stated, template, reference, base + _DESCENT * (tip - base))
+        tips = with_end(stated, reference, "apex", tip, _TIP)
+        marks = with_end(tips, reference, "base", base + _DESCENT * (tip - base), HELD)
     walked = _walk(surface, facets, images, marks, imaging, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
-    if is_cup and marks != stated:
+    if is_cup and marks != tips:
         by_volume, _ = base_by_volume(stated, template, reference, shapes)
-        marks = with_base(stated, template, reference, by_volume)
+        marks = with_end(tips, reference, "base", by_volume, HELD)
     near = _NEXT[-1][1]
     views: list[View | None] = []
     looks: list[Imaging] = []
@@ -220,9 +224,10 @@ def frames_of_images(
     if imaging.has_layers:
         views, closed = with_trabeculae(views, looks, surface, shapes, reference)
     frames: list[Frame] = []
-    for view, share in zip(views, shares, strict=True):
+    for view, share, known, marked in zip(views, shares, stated, tips, strict=True):
         is_seen = view is not None and share >= LEAST_FOUND
-        frames.append((view.observation(),) if view is not None and is_seen else ())
+        held = marked[len(known) :]
+        frames.append((view.observation(), *held) if view is not None and is_seen else ())
     return ImageFrames(
         tuple(frames),
         shape,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -93,7 +93,7 @@ def from_labels(images: ImageSequence, labels: Sequence[int] = ()) -> Labelled:
 
 
 def notes_on_landmarks(
-    images: ImageSequence, landmarks: Mapping[str, Floats], reference: int
+    images: ImageSequence, landmarks: Mapping[str, Any], reference: int
 ) -> tuple[str, ...]:
     """Note stated landmarks that are more than 2 mm outside all that is labelled.
 
@@ -101,12 +101,16 @@ def notes_on_landmarks(
     ----------
     images : ImageSequence
         The label map.
-    landmarks : mapping of str to (3,) or (frames, 3) float64, mm
+    landmarks : mapping of str to (3,) or (frames, 3) array_like, mm
         A place in the reference frame, or one for each frame, NaN if it is unknown.
     reference : int
     """
     notes = []
-    for name, stated in landmarks.items():
+    for name, value in landmarks.items():
+        stated = np.asarray(value, dtype=np.float64)
+        # What is no place is refused where landmarks join the frames.
+        if stated.ndim not in (1, 2) or stated.shape[-1] != 3:
+            continue
         places = {reference: stated} if stated.ndim == 1 else dict(enumerate(stated))
         away = {
             k: _away(images.frames[k], place)

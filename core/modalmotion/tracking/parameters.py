@@ -278,7 +278,10 @@ def segment(
     landmarks: Mapping[str, Any] | None = None,
     frame: int = 0,
     start: Start | None = None,
-    **options: Any,
+    modes: int = USUAL_MODES,
+    papillary: Papillary = "pool",
+    labels: tuple[int, ...] = (),
+    progress: Progress | None = None,
 ) -> Track:
     """Find a surface in one image.
 
@@ -290,8 +293,8 @@ def segment(
         Needed of images that are no label map.
     frame : int
     start : MeshSequence or Template, optional
-    **options
-        Fields of `TrackParameters`: modes, papillary, labels.
+    modes, papillary, labels, progress : optional
+        As of `TrackParameters` and `track`.
 
     Returns
     -------
@@ -319,5 +322,7 @@ def segment(
     places = {name: np.asarray(value, np.float64) for name, value in (landmarks or {}).items()}
     each = (sequence.n_frames, 3)
     marks = {name: own[frame] if own.shape == each else own for name, own in places.items()}
-    parameters = TrackParameters(landmarks=marks, time="open", **options)
-    return parameters.follow(recorded_images(one), start=start)
+    parameters = TrackParameters(
+        landmarks=marks, time="open", modes=modes, papillary=papillary, labels=tuple(labels)
+    )
+    return parameters.follow(recorded_images(one), start=start, progress=progress)

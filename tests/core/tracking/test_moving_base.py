@@ -1,15 +1,26 @@
-"""A base that few frames state: held where valves go, its error stated, nothing beyond it seen."""
+"""Ends that few frames state: the tip stays, the base follows the valve, beyond it are no edges."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from ellipsoid_images import AXES, BASE, CUT, LANDMARKS, LENGTH, MIDDLE, enclosed, spheroid, volume
+from ellipsoid_images import (
+    AXES,
+    BASE,
+    CUT,
+    LANDMARKS,
+    LENGTH,
+    MIDDLE,
+    RADIUS,
+    enclosed,
+    spheroid,
+    volume,
+)
 
-from modalmotion.images import ImageSequence
+from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.edges import Levels
 from modalmotion.tracking import Observation, track
-from modalmotion.tracking.image_frames import below_base, with_base
+from modalmotion.tracking.image_frames import below_base, with_end
 from modalmotion.tracking.image_view import Imaging
 from modalmotion.tracking.moving_base import base_by_volume
 
@@ -29,8 +40,9 @@ def height_of(frame: tuple[Observation, ...]) -> float:
 
 def test_what_is_stated_stays_and_the_rest_is_where_valves_go_by_the_volume_ejected() -> None:
     stated = ((landmark(CUT),), (landmark(CUT - 9.0),), (), ())
-    rough = with_base(stated, TEMPLATE, 0, MIDDLE)
+    rough = with_end(stated, 0, "base", MIDDLE, 1.0)
     assert rough[:2] == stated[:2]
+    assert len(with_end(stated, 0, "apex", MIDDLE, 1.0)[1]) == 2
     assert height_of(rough[2]) == pytest.approx(0.0)
     x = TEMPLATE.vertices
     small = MIDDLE + ((x - MIDDLE) @ AXES * [0.8, 0.8, 1.0]) @ AXES.T
@@ -61,6 +73,32 @@ def test_edges_beyond_the_base_do_not_count() -> None:
     assert valve is not None
     places = MIDDLE + np.outer([-30.0, 8.0, 18.0], AXES[:, 2])
     assert (places @ valve[0] <= valve[1]).tolist() == [True, True, False]
+
+
+SHAPE = (27, 27, 35)
+AFFINE = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(SHAPE) - 1)])
+FULL = volume(affine=AFFINE, shape=SHAPE)
+
+
+def without_blood(height: float) -> Volume:
+    """The wall as it was, and no blood in the lowest so many mm."""
+    index = np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), axis=-1)
+    local = (index @ AFFINE[:, :3].T + AFFINE[:, 3] - MIDDLE) @ AXES
+    inside = np.linalg.norm(local / [RADIUS + 1.0, RADIUS + 1.0, LENGTH + 1.0], axis=-1) < 1.0
+    gone = inside & (local[..., 2] < height - LENGTH)
+    return Volume(np.where(gone, 40.0, FULL.values), AFFINE)
+
+
+def test_the_tip_stays_where_blood_leaves_it_unless_an_apex_is_stated() -> None:
+    images = ImageSequence((FULL, without_blood(7.0), without_blood(14.0)))
+    rises = []
+    for apex in (LANDMARKS["apex"], LANDMARKS["apex"] + np.outer([0.0, 7.0, 14.0], AXES[:, 2])):
+        marks = {"apex": apex, "base": np.tile(BASE, (3, 1))}
+        result = track(images, landmarks=marks, modes=18, time="open")
+        x = result.sequence.vertices[:, :64].mean(axis=1)
+        rises.append(float((x[2] - x[0]) @ AXES[:, 2]))
+    assert rises[0] < 8.0
+    assert rises[1] > 11.0
 
 
 @pytest.mark.every(2)

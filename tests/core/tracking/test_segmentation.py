@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ellipsoid_images import LANDMARKS, enclosed, labels, off_surface, volume
 
-from modalmotion.errors import ParameterError
+from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence
 from modalmotion.tracking import segment
 
@@ -37,3 +37,10 @@ def test_a_frame_without_an_image_is_named(frame: int) -> None:
 def test_what_is_no_image_is_refused() -> None:
     with pytest.raises(ParameterError, match="read_images"):
         segment(np.zeros((3, 3, 3)))  # type: ignore[arg-type]
+
+
+def test_options_and_landmarks_that_mean_nothing_are_refused() -> None:
+    with pytest.raises(ParameterError, match="wall"):
+        segment(labels(), wall=(2,))  # type: ignore[call-arg]
+    with pytest.raises(ShapeError, match="landmark 'apex' has the shape"):
+        segment(labels(), landmarks={"apex": [1.0, 2.0]}, labels=(3,))
