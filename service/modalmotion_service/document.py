@@ -27,7 +27,7 @@ _SCHEMES: Final = {
         "type": "http",
         "scheme": "bearer",
         "description": "A key made by `modalmotion keys create`. Over loopback none is needed "
-        "unless the settings say so.",
+        "unless the settings require one.",
     },
     "header": {"type": "apiKey", "in": "header", "name": "X-API-Key", "description": "The same."},
 }

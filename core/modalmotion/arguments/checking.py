@@ -394,7 +394,7 @@ class Saved:
     """A value that `modalmotion.save` writes to a file."""
 
     def save(self, path: str | Path) -> Path:
-        """Write it to a file, in the format that the end of its name says: see `modalmotion.save`.
+        """Write it to a file, in the format of its suffix: see `modalmotion.save`.
 
         Raises
         ------

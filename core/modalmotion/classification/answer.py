@@ -228,7 +228,7 @@ def classify(
     if few:
         notes.append(
             f"Too few cases to rule out {', '.join(few)} at a coverage of {coverage:.3g}: every "
-            f"class set holds {'it' if len(few) == 1 else 'them'}."
+            f"class set contains {'it' if len(few) == 1 else 'them'}."
         )
     return replace(
         _answer(signature, model, coverage, ()),
@@ -256,8 +256,8 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
             imposed = readable.imposed_on(signature.surface, sequence.topology)
     except ModeCountError as error:
         raise ModeCountError(
-            f"The model reads {readable.n_modes} modes, and this recording's vertices do not tell "
-            f"as many apart. {error.message}",
+            f"The model reads {readable.n_modes} modes, and these vertices determine "
+            f"fewer. {error.message}",
             remedy="Send a finer mesh, or train a model on recordings like this one: it reads as "
             "many modes as they have.",
             details=error.details,
@@ -351,7 +351,7 @@ def _unreadable(signature: ModalSignature, model: Model) -> Flag | None:
     if model.walls and (landmarks is None or "theta_zero" in landmarks.weak):
         return Flag(
             UNREADABLE,
-            "the model tells walls apart, but the zero of theta is not determined by "
+            "the model distinguishes walls, but the zero of theta is not determined by "
             "this shape. State the landmark theta_zero",
         )
     if not Motion(signature).size > 0.0:

@@ -382,7 +382,7 @@ def compare_models(
     Raises
     ------
     ParameterError
-        As `evaluate` says.
+        As in `evaluate`.
     """
     listed = list(cases)
     report = in_percent(progress)

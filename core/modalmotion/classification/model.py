@@ -193,7 +193,7 @@ class Model(FrozenArrays, Saved, Plotted):
 
     @property
     def walls(self) -> bool:
-        """Whether walls are told apart, so that the zero of theta must be known."""
+        """Whether walls are distinguished, so that the zero of theta must be known."""
         return any(table.walls and table.reads_motion for table in self.tables)
 
     @property

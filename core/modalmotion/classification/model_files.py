@@ -186,7 +186,7 @@ def model_from_hdf5(source: bytes | Path) -> Model:
     Raises
     ------
     StoreError
-        As `Form.read` says.
+        As in `Form.read`.
     """
     _require_size(source)
     with FORM.read(source) as contents:
@@ -194,7 +194,7 @@ def model_from_hdf5(source: bytes | Path) -> Model:
         model = _model(kept, contents)
     if model.id != kept.record.id:
         raise CorruptFileError(
-            f"{contents.name} holds another model than {kept.record.reference}, as it "
+            f"{contents.name} contains another model than {kept.record.reference}, as it "
             f"says: its sha256 is {model.id[:12]}…, not {kept.record.id[:12]}….",
             remedy="Restore it from a copy, or delete this version and train it again.",
         )

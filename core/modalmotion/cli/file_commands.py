@@ -206,7 +206,7 @@ def show(file: Path) -> Any:
 
             return _shown(kind, load(file))
         if kind:
-            return {"holds": kind, "bytes": file.stat().st_size}
+            return {"content": kind, "bytes": file.stat().st_size}
     from modalmotion.formats import read_sequence
     from modalmotion.formats.volumes.reading import holds_images
 
@@ -220,7 +220,7 @@ def show(file: Path) -> Any:
         ) from error
     return {
         **_shown("sequence", reading.sequence),
-        "holds": "moving surface",
+        "content": "moving surface",
         "format": reading.format,
         "ignored": list(reading.ignored),
         "notes": list(reading.notes),
@@ -235,18 +235,18 @@ def _images(file: Path) -> dict[str, Any]:
 
     images = read_images(file)
     first = next(frame for frame in images.frames if frame is not None)
-    content = {"holds": "images", "frames": images.n_frames, "period": images.period}
+    content = {"content": "images", "frames": images.n_frames, "period": images.period}
     if isinstance(first, Volume):
         content |= {"voxels": list(first.shape), "spacing": [round(s, 3) for s in first.spacing]}
     else:
         content["planes"] = len(first)
     if isinstance(first, Volume) and is_label_map(images):
-        content |= {"holds": "label map", "labels": values_in(first)}
+        content |= {"content": "label map", "labels": values_in(first)}
     return content | {"notes": list(images.notes)}
 
 
 def _shown(kind: str, value: Any) -> dict[str, Any]:
-    return {"holds": kind, **members(value, *_SHOWN[kind], plain=_plain)}
+    return {"content": kind, **members(value, *_SHOWN[kind], plain=_plain)}
 
 
 def _plain(value: Any) -> Any:

@@ -168,7 +168,7 @@ def restore(
     with counting("copying") as progress:
         report = run(copy, folder, deletions=deletions, progress=progress)
     note = (
-        f"What was deleted after {report.as_of} is in {folder} again: nothing here tells what that "
+        f"What was deleted after {report.as_of} is in {folder} again: nothing here shows what that "
         "was. Remains of the old folder may: name them with --deletions."
     )
     notes = [] if report.knows_deletions else [note]

@@ -192,7 +192,7 @@ def at_places(
     point = facts.landmarks.get(ANTERIOR)
     if point is None:
         reason = (
-            "Nothing says where the anterior wall is, so these are rings. State the landmark "
+            "The anterior wall is not stated, so these are rings. State the landmark "
             f"'{ANTERIOR}', a vertex or a point in the middle of that wall."
         )
         return RINGS, ring, reason

@@ -141,7 +141,7 @@ def read_arrays(
     Raises
     ------
     MalformedFileError, LimitError
-        As `read_npz` says.
+        As in `read_npz`.
     """
     if not data:
         raise _malformed("The file is empty.")

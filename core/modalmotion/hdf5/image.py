@@ -260,6 +260,6 @@ def require_match(path: Path, contents: Contents, **ids: str | int | None) -> No
     for name, expected in ids.items():
         if contents.attributes.get(name) != expected:
             raise CorruptFileError(
-                f"'{path.name}' contains another {name.replace('_', ' ')} than its name says.",
+                f"'{path.name}' contains another {name.replace('_', ' ')} than its name.",
                 remedy="Restore it from a copy, or delete it and make the result again.",
             )

@@ -243,7 +243,7 @@ def _remedy_for(faces: NDArray[Any], n_vertices: int, n_frames: int) -> str:
             "The first two axes of 'vertices' seem to be swapped: give (frames, vertices, 3), "
             "such as vertices.transpose(1, 0, 2)."
         )
-    return "Use zero-based indices of vertices that every frame holds."
+    return "Use zero-based indices of vertices that every frame contains."
 
 
 def require_times(times: Any, n_frames: int) -> NDArray[np.float64]:

@@ -152,7 +152,7 @@ class Deviation:
     @property
     def findings(self) -> tuple[str, ...]:
         """What was found, as lines."""
-        verdict = "deviates from" if self.deviates else "lies within"
+        verdict = "deviates from" if self.deviates else "is within"
         covariates = ", ".join(self.covariates)
         share = f"{100 * self.attainable:.1f} % of recordings like the controls"
         return (

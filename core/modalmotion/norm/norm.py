@@ -450,7 +450,7 @@ def cohort_deviation(
     if p is not None and is_another:
         warning = (
             f"These {len(readings)} recordings as a whole are unlike the controls (p = "
-            f"{numeral(p, 4)}): another machine, protocol or group of people. Their p-values say "
+            f"{numeral(p, 4)}): another scanner, protocol or group of people. Their p-values say "
             "that, too."
         )
     return CohortDeviation(

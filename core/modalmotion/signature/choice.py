@@ -188,7 +188,7 @@ def choose_fit(fitter: Fitter) -> tuple[Fit, ModelChoice, list[str]]:
     Raises
     ------
     ToleranceError
-        If no set of modes holds the tolerance; its details name the best error possible.
+        If no set of modes keeps the tolerance; its details name the best error possible.
     ParameterError
         If a tolerance is in mm and the unit unknown, or an option does not go with the data.
     """
@@ -303,7 +303,7 @@ def _unreachable(
     allowed = error * MM_PER_UNIT[unit]
     reason = nested.ends_because or f"a signature has at most {MOST_MODES}"
     return ToleranceError(
-        f"No set of modes holds {limit:.6g} {unit} ({kind}): the best, of {count} modes, leaves "
+        f"No set of modes keeps {limit:.6g} {unit} ({kind}): the best, of {count} modes, leaves "
         f"{error:.6g} {unit}; {reason}.",
         remedy=f"Allow a tolerance of {allowed * (1 + 1e-6):.7g} mm or more.",
         details={

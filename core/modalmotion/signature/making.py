@@ -116,7 +116,7 @@ def modal_signature(
     ModeCountError
         If it cannot tell that many modes apart.
     ToleranceError
-        If no number of modes holds the tolerance.
+        If no number of modes keeps the tolerance.
     ParameterError
         If there is no such reference frame, or a tolerance in mm meets an unknown unit.
 

@@ -104,7 +104,7 @@ def plain_name(
     *,
     along_normal: bool = False,
 ) -> str:
-    """Say in a few words how a surface moves in a mode.
+    """Describe in a few words how a surface moves in a mode.
 
     Parameters
     ----------

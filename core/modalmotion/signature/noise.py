@@ -85,7 +85,7 @@ class Noise:
             f"between frames, from {self.modes} modes and what they leave."
         )
         if self.highest > WIDE * self.lowest:
-            text += " Motion and noise are hard to tell apart here."
+            text += " Motion and noise are hard to distinguish here."
         return text
 
     def displacement_rms(self, n_frames: int, reference: Reference, n_directions: int = 3) -> float:

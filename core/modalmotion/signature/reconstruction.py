@@ -214,7 +214,7 @@ def note_on(resampled: Resampled) -> str:
     most = float(resampled.rms_deviations.max())
     return (
         f"Between frames each coordinate may be off by {numeral(most, 2)} {unit} (standard "
-        f"deviation, RMS over the surface, at worst): what leaving out frames tells."
+        f"deviation, RMS over the surface, at worst), found by leaving out frames."
     )
 
 

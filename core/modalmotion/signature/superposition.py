@@ -90,7 +90,7 @@ def normal_reference(
     Raises
     ------
     TopologyError
-        As `normal_displacements_of` says.
+        As in `normal_displacements_of`.
     """
     centre = template.weights @ start
     rest = start - centre

@@ -199,7 +199,7 @@ def finish_deletion(folder: Folder, index: Index, sequence_id: str) -> None:
 FORM: Final = JsonForm(
     "deleted-model",
     1,
-    "Restore it from a copy. Keep the file in any case: it says that the version's number is "
+    "Restore it from a copy. Keep the file in any case: it shows that the version's number is "
     "taken.",
 )
 

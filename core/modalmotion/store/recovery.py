@@ -252,11 +252,11 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
 def _problem(
     scan: Scan, known: dict[str, Callable[[Any], Any]], place: str, name: Any, row: Any
 ) -> str:
-    """Say what is wrong with a file that reads, among the others and in the index."""
+    """Return what is wrong with a file that can be read, among the others and in the index."""
     if place == "uploads" and not (name in scan.records or name in scan.deletions):
         return "Its record is missing."
     if place == "records" and row.has_upload and name not in scan.uploads:
-        return "The vertices that it says are kept are missing."
+        return "Its vertices are recorded as kept, but are missing."
     is_listed = not (
         (place == "results" and name.sequence_id not in scan.records)
         or (place == "models" and name in scan.deleted_models)

@@ -295,7 +295,7 @@ def _decide(
     if not len(surface.faces):
         raise TopologyError(
             f"{sequence.n_vertices} points come without faces, grid or topology.",
-            remedy="Send triangles, or the lattice as grid and topology, or say that the "
+            remedy="Send triangles, or the lattice as grid and topology, or state that the "
             "points are an open curve or a closed curve.",
         )
     topology, reason = recognise(surface)

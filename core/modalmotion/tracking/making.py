@@ -293,7 +293,7 @@ def _template_of(start: Start) -> Template:
 def _require_extent(surface: Deformable) -> None:
     if not (np.isfinite(surface.size) and min(surface.template.lengths) > 0):
         raise ShapeError(
-            "The start has no extent along one of its axes, so no modes can be told apart on it.",
+            "The start has no extent along one of its axes, so it has no modes that differ.",
             remedy="Give a surface as start that is spread out, or other landmarks.",
         )
 

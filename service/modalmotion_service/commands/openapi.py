@@ -24,7 +24,7 @@ def main(path: Path, check: bool) -> None:
     text = document()
     if check:
         if not path.is_file() or path.read_text() != text:
-            raise click.ClickException(f"{path} is not what the code says: run `make openapi`.")
+            raise click.ClickException(f"{path} does not match the code: run `make openapi`.")
         return
     path.write_text(text)
 

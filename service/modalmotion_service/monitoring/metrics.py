@@ -44,7 +44,7 @@ def require_ready(local: State) -> None:
         # Everybody may ask: the error itself names a machine inside.
         raise ClusterError(
             "The machines that work is sent to cannot be used now.",
-            remedy="Try again soon; the service's log says which they are.",
+            remedy="Try again soon; the service's log names them.",
         ) from error
     try:
         require_room(local.store.root)

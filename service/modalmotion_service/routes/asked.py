@@ -257,7 +257,7 @@ async def _waiting(
             ge=0,
             le=1e6,
             description="Seconds after which it becomes a job; 0 for a job at once. The header "
-            "Prefer says the same: wait=20, respond-async.",
+            "Prefer does the same: wait=20, respond-async.",
         ),
     ] = None,
     prefer: Annotated[str, Header(max_length=200, include_in_schema=False)] = "",

@@ -58,7 +58,7 @@ _BY_CLASS: Final = ("class_auc", "sensitivity", "specificity")
 
 
 class Curves(Answer):
-    """Figures of answers to labelled sequences; `methods` says how they are made."""
+    """Figures of answers to labelled sequences; `methods` describes how they are computed."""
 
     class_auc: dict[str, FigureAnswer]
     sensitivity: dict[str, FigureAnswer]
@@ -148,7 +148,7 @@ class DifferenceAnswer(Answer):
 
 @mirrors(Comparison)
 class ComparisonAnswer(Answer):
-    """Two models on the same labelled sequences; `methods` says how they are compared."""
+    """Two models on the same labelled sequences; `methods` describes how they are compared."""
 
     accuracy: DifferenceAnswer
     """p is of McNemar's exact test, by subject."""

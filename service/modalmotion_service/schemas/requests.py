@@ -219,7 +219,7 @@ class ClassificationRequest(from_core.JsonBody):
         description=f"Name of a model for its newest version, or name@version. {RULE}",
     )
     coverage: float = Field(0.9, gt=0, lt=1)
-    """Probability that the class set holds the true class, for every class."""
+    """Probability that the class set contains the true class, for every class."""
 
 
 class ClassOfFile(Reading, ClassificationRequest):

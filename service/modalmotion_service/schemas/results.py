@@ -94,7 +94,7 @@ class _Result(Answer):
     name: str
     """As the part of the form names its file."""
     subject: str | None
-    """As the manifest says."""
+    """As in the manifest."""
     label: str | None
     error: Problem | None
     """As the file would have been answered by itself; null where there is a result."""
@@ -158,7 +158,7 @@ class VolumeAnswer(Answer):
     """Stroke volume over end-diastolic volume, percent, where a cavity is stated or the surface is
     a cup. Null elsewhere, of one frame, and where a volume is not positive."""
     volume_change: FigureAnswer | None
-    """The same share where nothing says that the surface is that of a cavity."""
+    """The same share where the surface is not stated to be that of a cavity."""
 
     @staticmethod
     def of(curve: VolumeCurve, factor: float) -> VolumeAnswer:
@@ -286,7 +286,7 @@ class ReadoutsAnswer(Answer):
     strain: StrainAnswer | None
     """Null of a surface without coordinates along and around it."""
     torsion: TorsionAnswer | None
-    """Null where nothing says that vertices follow the tissue (tracking=material)."""
+    """Null unless the vertices are stated to follow the tissue (tracking=material)."""
     per_mode: PerModeAnswer | None
     """Null where a volume is not known."""
     notes: list[str]

@@ -71,7 +71,7 @@ async def held_out(state: State, request: Request, _: Report) -> Outcome:
     if not table:
         raise NotFoundError(
             f"The model {model.name}@{model.version} has no held-out answers: it was not "
-            "cross-validated, or its file does not hold them.",
+            "cross-validated, or its file does not contain them.",
             remedy="Train it again, or test it on other sequences: POST .../evaluations.",
         )
     return Outcome(table, CSV, headers=attachment(f"{model.name}-{model.version}.csv"))

@@ -61,7 +61,7 @@ def look_up(store: ResultStore, sequences: Sequence[LabelledSequence], most: int
     if len(per_class) < 2:
         only = f"only {next(iter(per_class))!r}" if per_class else "no sequence"
         raise ParameterError(
-            f"A model tells at least two classes apart; there is {only}.",
+            f"A model needs at least two classes; there is {only}.",
             remedy="Name sequences of two or more classes.",
             details={"classes": dict(per_class)},
         )

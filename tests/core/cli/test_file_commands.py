@@ -39,7 +39,7 @@ def shown(path: Path) -> dict[str, Any]:
     assert run.exit_code == 0, run.output
     content: dict[str, Any] = json.loads(run.stdout)
     words = CliRunner().invoke(main, ["show", str(path)])
-    assert str(content["holds"]) in words.stdout.splitlines()[0]
+    assert str(content["content"]) in words.stdout.splitlines()[0]
     return content
 
 
@@ -77,7 +77,7 @@ def test_each_kind_of_file_says_what_it_is(
     tmp_path: Path, name: str, holds: str, stated: dict[str, Any]
 ) -> None:
     content = shown(written(tmp_path, name))
-    assert content["holds"] == holds
+    assert content["content"] == holds
     assert {key: content[key] for key in stated} == stated
 
 
@@ -88,13 +88,13 @@ def test_folders_of_frames_and_label_maps_are_shown(tmp_path: Path) -> None:
         lines = [f"v {x} {y} {z}" for x, y, z in points] + ["f 1 2 3", "f 2 3 4"]
         (frames / f"a_{k}.obj").write_text("\n".join(lines))
     content = shown(frames)
-    assert (content["holds"], content["frames"], content["vertices"]) == ("moving surface", 3, 12)
+    assert (content["content"], content["frames"], content["vertices"]) == ("moving surface", 3, 12)
     labels = np.zeros((20, 21, 22), dtype=np.uint8)
     labels[4:14, 4:14, 4:14] = 3
     labelled = ImageSequence((Volume(labels, 2.0 * np.eye(3, 4)),) * 2)
     (tmp_path / "map.nii.gz").write_bytes(write_nifti(labelled))
     content = shown(tmp_path / "map.nii.gz")
-    assert (content["holds"], content["frames"], content["labels"]) == ("label map", 2, "3: 8 ml")
+    assert (content["content"], content["frames"], content["labels"]) == ("label map", 2, "3: 8 ml")
     assert content["voxels"] == [20, 21, 22]
 
 

@@ -204,7 +204,7 @@ def test_what_cannot_be_told_apart_has_a_wide_range() -> None:
     assert noise.highest is not None
     assert noise.lowest <= 0.6 <= noise.highest
     assert noise.highest > WIDE * noise.lowest
-    assert "hard to tell apart" in noise.note("mm")
+    assert "hard to distinguish" in noise.note("mm")
 
 
 def test_a_shift_of_all_vertices_counts_as_motion() -> None:

@@ -120,9 +120,9 @@ def test_short_sequences_have_the_harmonics_they_have(n_frames: int) -> None:
 
 
 def test_more_harmonics_than_frames_tell_apart_are_refused(beat: MeshSequence) -> None:
-    with pytest.raises(ParameterError, match="cannot be told apart"):
+    with pytest.raises(ParameterError, match="cannot be distinguished"):
         modal_signature(beat, SignatureParameters(harmonics=4))
-    with pytest.raises(ParameterError, match="cannot be told apart"):
+    with pytest.raises(ParameterError, match="cannot be distinguished"):
         measure_tradeoff(beat, SignatureParameters(tolerance=1.0, harmonics=4))
 
 
