@@ -18,7 +18,7 @@ _USUAL_SECONDS = 60.0
 def shared_parsers() -> Iterator[None]:
     """Hand the child of a `ParserProcess` that is left in peace to the next one that needs one."""
     spare: list[subprocess.Popen[bytes]] = []
-    parse = ParserProcess.parse
+    parse, end = ParserProcess.parse, ParserProcess.__exit__
 
     def shared_parse(own: ParserProcess, task: str, data: bytes) -> Answer:
         while own._seconds == _USUAL_SECONDS and own._child is None and spare:
@@ -29,11 +29,11 @@ def shared_parsers() -> Iterator[None]:
                 child.communicate()
         return parse(own, task, data)
 
-    def leave(own: ParserProcess, *_: object) -> None:
+    def leave(own: ParserProcess, *error: object) -> None:
         if own._seconds == _USUAL_SECONDS and own._child is not None:
             spare.append(own._child)
             own._child = None
-        own.close()
+        end(own, *error)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ParserProcess, "parse", shared_parse)

@@ -228,6 +228,15 @@ def test_a_parser_that_takes_too_long_is_ended() -> None:
         assert caught.value.remedy
 
 
+def test_a_parser_that_is_left_ends_its_process() -> None:
+    # With another limit than usual it is no parser that tests share.
+    with ParserProcess(ReadLimits(), seconds=30.0) as parser:
+        read_sequence(write_vtkhdf(sequence()), parser=parser)
+        child = parser._child
+    assert child is not None
+    assert child.poll() is not None
+
+
 def test_a_parser_without_work_starts_no_process() -> None:
     with ParserProcess(ReadLimits()) as parser:
         read_sequence(write_npz(sequence()), parser=parser)
