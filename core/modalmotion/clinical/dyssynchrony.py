@@ -140,7 +140,9 @@ def dyssynchrony(
     by_lines = _apart(lines @ smooth) - likeliest
     # Of the deviation of n times that are each uniform between two frames.
     by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
-    squares = by_noise.var() + (value - less) ** 2 + by_lines**2 + by_frames**2
+    # The covariance that curves are drawn with is estimated from as few segments: as much again.
+    of_noise = by_noise.var() if is_smooth else 2.0 * by_noise.var()
+    squares = of_noise + (value - less) ** 2 + by_lines**2 + by_frames**2
     reach = TWO_DEVIATIONS * np.sqrt(squares)
     value, low, high = 100.0 * np.maximum([value, value - reach, value + reach], 0.0)
     return float(value), float(low), float(high)
