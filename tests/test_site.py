@@ -75,7 +75,6 @@ def test_every_call_of_the_interface_has_its_parameters_on_the_page() -> None:
             assert f"| `{own}` |" in sections[name], name
     body = sections["POST /v1/sequences/{sequence_id}/signatures"]
     assert "| `components` | body | `cartesian`" in body
-    assert "| `grid` | body | array of integer or null |" in body
 
 
 def test_there_is_a_gallery_of_twelve_questions() -> None:

@@ -39,8 +39,6 @@ REFUSED: dict[str, Callable[[], object]] = {
     "tolerance is True": lambda: P(tolerance=True),
     "auto is 1": lambda: P(auto=1),
     "tolerance_of is 'mean'": lambda: P(tolerance=1.0, tolerance_of="mean"),
-    "grid is 7": lambda: P(grid=7),
-    r"grid is \(2.5, 4\)": lambda: P(grid=(2.5, 4)),
     "topology is 5": lambda: P(topology=5),
     "landmarks is 5": lambda: P(landmarks=5),
     r"shape is \(2.7, 4\)": lambda: LATTICE(mm.PLANE, (2.7, 4)),
@@ -77,7 +75,6 @@ def test_what_is_meant_is_taken() -> None:
         taken = P(**{name: value})
         assert taken.key == P(**{name: int(value)}).key
         assert type(getattr(taken, name)) is int
-    assert P(grid=np.array([4, 6])).grid == (4, 6)
     assert P(reference="mean").reference == "mean"
 
 

@@ -288,7 +288,7 @@ def test_a_restored_copy_brings_nothing_back_without_a_word(root: Path, tmp_path
     # Into a new folder: it says what it cannot know, unless the remains are there to tell.
     done = command("restore", copy, tmp_path / "new")
     assert done.exit_code == 0
-    assert "again: nothing here tells" in done.output
+    assert "again: nothing here shows" in done.output
     assert name in ids(tmp_path / "new")
     done = command("restore", copy, tmp_path / "told", "--deletions", root)
     assert re.search(r"deleted +3\n", done.output)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +24,8 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
     with KeyRing(folder) as ring:
         token = ring.create("lab", frozenset(Scope))[1]
     with TestClient(create_app(settings), headers={"Authorization": f"Bearer {token}"}) as client:
+        while client.get("/health/ready").status_code == 503:
+            time.sleep(0.05)
         yield client
 
 
