@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
-from modalmotion.classification.cases import named
 from modalmotion.classification.model import Model, Readable, holds
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
@@ -29,6 +28,7 @@ from modalmotion.errors import (
     ParameterError,
     TopologyError,
     UnlikeCasesError,
+    named,
 )
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
