@@ -60,7 +60,7 @@ def _beside(cases: list[TrainingCase], folds: Folds) -> tuple[str, ...]:
 
 
 def _peer(name: str, cases: list[TrainingCase], folds: Folds) -> tuple[NDArray[np.bool_], float]:
-    """Tell what a classifier of aeon has right, in the order of the folds, and its seconds."""
+    """Return what a classifier of aeon has right, in the order of the folds, and its seconds."""
     kind = getattr(import_module(f"aeon.classification.{PEERS[name]}"), name)
     y, paths = np.array([case.label for case in cases]), _trajectories(cases)
     kind(random_state=0).fit(paths, y)  # the first call compiles

@@ -35,7 +35,7 @@ class Row:
         return value if self.better == "lower" else -value
 
     def is_short(self, value: float) -> bool:
-        """Tell whether a value falls short of its goal."""
+        """Return whether a value falls short of its goal."""
         if self.goal is None:
             return False
         bound = 0.0 if isinstance(self.goal, tuple) else self.shortfall(self.goal)

@@ -24,7 +24,7 @@ SKIPPED: Final[list[str]] = []
 
 
 def is_there(figures: str, *names: str) -> bool:
-    """Tell whether recordings, files without .npz or folders, are there; note what is skipped."""
+    """Return whether recordings, files without .npz or folders, exist; note what is skipped."""
     absent = [x for x in names if not ((DATA / f"{x}.npz").is_file() or (DATA / x).is_dir())]
     if absent:
         SKIPPED.append(f"{figures} ({', '.join(absent)})")
@@ -37,6 +37,6 @@ def recording(name: str) -> MeshSequence:
 
 
 def told() -> str:
-    """Say what was skipped; empty where nothing was."""
+    """List what was skipped; empty if nothing was."""
     head = f"skipped, for its data are not in {DATA} (MODALMOTION_DATA names another folder):"
     return "\n  ".join([head, *SKIPPED]) if SKIPPED else ""

@@ -140,7 +140,7 @@ def record(target: Path, folder: Path, only: str) -> None:
 
 
 def compare(before: Path, after: Path) -> int:
-    """Say what differs, and by how much; the number of differences."""
+    """Print what differs, and by how much; return the number of differences."""
     old, new = np.load(before), np.load(after)
     was = json.loads(bytes(old["digests"]))
     now = json.loads(bytes(new["digests"]))

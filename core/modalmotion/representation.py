@@ -89,7 +89,7 @@ def _brief(value: object) -> str:
 
 
 def is_readable(text: str) -> bool:
-    """Tell whether a text shows what it holds.
+    """Return whether a text shows all that it contains.
 
     Control characters do not, nor what turns its direction or has no width; and the sign in place
     of broken UTF-8 stands for what nobody knows.

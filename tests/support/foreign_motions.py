@@ -1,21 +1,18 @@
 """Recordings that are no ventricle's beat, of many kinds, drawn at random.
 
-What a model of ventricles is to give no class to; and one kind that it is only asked about.
+What a model of ventricles is to give no class to.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from project import DATA
-from scipy.ndimage import gaussian_filter1d
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from modalmotion.formats import read_sequence
@@ -189,12 +186,6 @@ def shuffled(rng: np.random.Generator) -> MeshSequence:
     return replace(beat, vertices=beat.vertices[rng.permutation(beat.n_frames)])
 
 
-def reversed_in_time(rng: np.random.Generator) -> MeshSequence:
-    """A ventricle's frames in reverse order."""
-    beat = _beat(rng)
-    return replace(beat, vertices=beat.vertices[::-1].copy())
-
-
 def _beat(rng: np.random.Generator) -> MeshSequence:
     return simulate_ventricle(
         draw_parameters(list(MotionClass)[int(rng.integers(5))], rng),
@@ -257,9 +248,6 @@ FLAGGED: Final[dict[str, Draw]] = {
 }
 """Kinds that get no class."""
 
-REPORTED: Final[dict[str, Draw]] = {"time reversed": reversed_in_time}
-"""A kind that has every part of a ventricle's beat: asked about, and not held to anything."""
-
 
 def figures(name: str, folder: Path = DATA) -> list[MeshSequence]:
     """Windows of the named motions of a figure, "fox" or "robot"; none where they are absent."""
@@ -271,45 +259,3 @@ def figures(name: str, folder: Path = DATA) -> list[MeshSequence]:
             part = sequence.vertices[start : start + length]
             found.append(replace(sequence, vertices=part, times=None))
     return found
-
-
-@cache
-def _windows(name: str, folder: Path) -> tuple[MeshSequence, ...]:
-    return tuple(figures(name, folder))
-
-
-def driven_by(name: str, rng: np.random.Generator, folder: Path = DATA) -> MeshSequence:
-    """A lattice, cup or cylinder, around a part of a figure, carried along by its vertices.
-
-    Each node moves as the mean of the nearest vertices does, the nearer the more. The part is
-    what lies around a vertex at random, from a limb to the whole body; the paths are smoothed
-    a little over time as a tracked surface would be, and brought to a ventricle's size.
-    """
-    windows = [w for w in _windows(name, folder) if np.ptp(w.vertices, axis=0).max() > 0]
-    window = windows[int(rng.integers(len(windows)))]
-    x = window.vertices.astype(np.float64)
-    size = np.linalg.norm(np.ptp(x[0], axis=0))
-    # Where it moves: a node of a body at rest would only show that nothing moves.
-    path = np.linalg.norm(np.ptp(x, axis=0), axis=1)
-    centre = x[0][int(rng.choice(len(path), p=path / path.sum()))]
-    near = np.linalg.norm(x[0] - centre, axis=1) < rng.uniform(0.15, 0.6) * size
-    if near.sum() < 12:
-        near = np.argsort(np.linalg.norm(x[0] - centre, axis=1))[:12]
-    part = x[:, near]
-    # Along the part's longest direction, half-axes as its spread.
-    middle = part[0].mean(axis=0)
-    _, spread, rows = np.linalg.svd(part[0] - middle, full_matrices=False)
-    spread = np.maximum(2.0 * spread / np.sqrt(part.shape[1]), 1e-3 * size)
-    shape, s, outward, axis = _tube(rng)
-    a, b = _across(axis)
-    local = np.stack(
-        [2.0 * s - 1.0, outward @ a * np.sin(np.pi * (s + 1) / 3), outward @ b], axis=1
-    )
-    nodes = middle + (local * spread) @ rows
-    apart, nearest = cKDTree(part[0]).query(nodes, k=6)
-    weight = 1.0 / (apart + 0.1 * spread[1]) ** 2
-    weight /= weight.sum(axis=1)[:, None]
-    u = np.einsum("nk,fnkd->fnd", weight, (part - part[0])[:, nearest])
-    paths = gaussian_filter1d(nodes + u, 0.5, axis=0, mode="nearest")
-    scale = 45.0 / np.sqrt((nodes - nodes.mean(axis=0)).var(axis=0).sum())
-    return moving(shape, _shaken(scale * paths, 0.6, rng))

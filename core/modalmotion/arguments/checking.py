@@ -436,7 +436,7 @@ class Recorded(Saved, Plotted):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """Say where a figure is that is looked for here."""
+            """Raise an error that names the method whose result has the figure."""
             told = "".join(
                 f" Write .{method}().{name}"
                 for method, names in OF_ANSWERS.items()

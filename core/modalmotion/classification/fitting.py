@@ -257,7 +257,7 @@ def _least_classes(folds: Sequence[Fold], y: NDArray[np.int64]) -> int:
 
 
 def _better_folds(folds: list[Fold], cohort: Cohort, options: TrainingOptions) -> list[Fold]:
-    """Hold out one group after another where several together take all cases of a class."""
+    """Leave out one group at a time if several together contain all cases of a class."""
     names = np.unique(cohort.groups)
     if len(names) <= _MOST_GROUPS:
         alone = [

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Interval = tuple[float, float]
 
@@ -73,15 +73,23 @@ def share_interval(right: NDArray[np.generic], subjects: Sequence[str]) -> tuple
 
     Notes
     -----
-    Wilson, Probable inference, J Am Stat Assoc, 1927, on n / `design_effect` cases.
+    `wilson_interval` of n / `design_effect` cases.
     """
     shares = np.asarray(right, dtype=np.float64)
-    n, p = len(shares), float(shares.mean())
-    n_effective = n / design_effect(shares - p, subjects)
-    centre = (p + Z**2 / (2 * n_effective)) / (1 + Z**2 / n_effective)
-    half = Z / (1 + Z**2 / n_effective)
-    half *= np.sqrt(p * (1 - p) / n_effective + Z**2 / (4 * n_effective**2))
-    return max(0.0, float(centre - half)), min(1.0, float(centre + half))
+    p = float(shares.mean())
+    low, high = wilson_interval(p, len(shares) / design_effect(shares - p, subjects))
+    return float(low), float(high)
+
+
+def wilson_interval(share: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+    """95 % interval of shares of n independent cases, low and high ends, (2, ...) float64.
+
+    Wilson, Probable inference, J Am Stat Assoc, 1927.
+    """
+    p, m = np.asarray(share, dtype=np.float64), np.asarray(n, dtype=np.float64)
+    centre = (p + Z**2 / (2 * m)) / (1 + Z**2 / m)
+    half = Z / (1 + Z**2 / m) * np.sqrt(p * (1 - p) / m + Z**2 / (4 * m**2))
+    return np.stack([np.maximum(centre - half, 0.0), np.minimum(centre + half, 1.0)])
 
 
 def loss_interval(

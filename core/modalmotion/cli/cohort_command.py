@@ -183,7 +183,7 @@ def _name(file: LabelledFile) -> str:
 
 
 def _stamp(file: LabelledFile) -> str:
-    """Tell a replaced file, or other facts that it is read with, without reading it."""
+    """Return a text that changes with the file or the facts it is read with; reads no content."""
     with contextlib.suppress(OSError):
         status = file.path.stat()
         return f"{status.st_size} {status.st_mtime_ns} {file.facts}"

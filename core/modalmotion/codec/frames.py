@@ -186,12 +186,11 @@ LESS: Final = 0.995
 ROOM: Final = 0.998
 # Share of progress for projecting and solving for modes; the search takes the rest.
 SHARE_OF_MODES: Final = 0.3
-# Answers that coefficients coded one by one may take: a fifth of a microsecond each compiled, ten
-# in Python, for the decoder too. A zero takes one; magnitudes of an error that is fine take twenty
-# and gain next to nothing.
+# Bits that coefficients coded one by one may take: a fifth of a microsecond each, for the decoder
+# too. A zero takes one; magnitudes of an error that is fine take twenty and gain next to nothing.
 MOST_TIGHTENED: Final = {Effort.FAST: 0, Effort.BALANCED: 2**19}
 N_STEPS: Final = 14
-"""Answers that a magnitude takes before it is a number."""
+"""Bits that a magnitude takes before it is a number."""
 
 MOST_STEPS: Final = {Effort.FAST: 1, Effort.BALANCED: 5}
 STEP_RATIO: Final = 1.35
@@ -216,7 +215,7 @@ class EncodedBlock:
         return self.block.kind
 
     def tightened(self, most: int) -> EncodedBlock:
-        """Write the same in fewer bytes and more time, for at most so many answers."""
+        """Write the same in fewer bytes and more time, for at most so many bits."""
         mixed = replace(self.block, mixed=True)
         if sum(map(count_bits, (mixed.basis, mixed.coefficients, mixed.maps))) > most:
             return self

@@ -35,7 +35,7 @@ from modalmotion.pictures.signature import amplitudes_figure, main_trajectories,
 from modalmotion.pictures.track import data_figure, deviations_figure, usual_frame
 from modalmotion.pictures.tradeoff import tradeoff_figure
 from modalmotion.representation import counted, numeral, with_article
-from modalmotion.signature import Tradeoff
+from modalmotion.signature import SignatureKind, Tradeoff
 from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.signature.mode_names import mode_colour, plain_name
 from modalmotion.template import Template
@@ -137,10 +137,12 @@ def to_html(signature: ModalSignature) -> str:
     n = counted(signature.n_frames, "frame")
     motion = float(signature.motion_rms.max())
     order = np.argsort(-signature.deformation_spectrum, kind="stable")[:_MOST_ROWS]
+    components = signature.parameters.components
+    along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
     rows, colours = [], []
     for mode in order.tolist():
         label = signature.modes.labels[mode]
-        name = plain_name(signature.topology, label, signature.parameters.components)
+        name = plain_name(signature.topology, label, components, along_normal=along_normal)
         rms = numeral(float(signature.deformation_spectrum[mode]), of=motion)
         colours.append(mode_colour(label))
         rows.append(

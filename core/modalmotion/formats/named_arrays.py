@@ -68,7 +68,7 @@ def aliases_in(names: Iterable[str]) -> dict[str, str] | None:
 
 
 def note_on(aliases: Mapping[str, str]) -> tuple[str, ...]:
-    """Say which arrays were taken for which."""
+    """Note which arrays were read under other names."""
     other = [f"{theirs!r} as {ours}" for ours, theirs in aliases.items() if ours != theirs]
     return (f"Read {', '.join(other)}.",) if other else ()
 

@@ -61,7 +61,7 @@ _LIMITS: Final = (("vertices", 0, "frames"), ("vertices", 1, "vertices"), ("face
 _TEXTS: Final = ("topology", "unit", *(name for name in NAMES if name != "period"))
 
 _malformed: Final = partial(
-    MalformedFileError, remedy="Write the file with numpy.savez, holding at least 'vertices'."
+    MalformedFileError, remedy="Write the file with numpy.savez, with at least 'vertices'."
 )
 
 

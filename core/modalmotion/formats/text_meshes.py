@@ -240,7 +240,7 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     Raises
     ------
     MalformedFileError
-        If a vertex or face cannot be read, or it holds no vertex.
+        If a vertex or face cannot be read, or there is no vertex.
     LimitError
         If it holds more than `limits` accept.
     """

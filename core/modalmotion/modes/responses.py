@@ -80,7 +80,7 @@ def sqrt(x: Twofold) -> Twofold:
 
 
 def bounded(x: Twofold) -> Twofold:
-    """Hold a number within +-1e300, so that no function of it meets an infinity."""
+    """Limit a number to +-1e300, so that no function of it meets an infinity."""
     beyond = ~(np.abs(x.high) <= _LARGEST)
     return Twofold(np.where(beyond, np.copysign(_LARGEST, x.high), x.high), x.low * ~beyond)
 

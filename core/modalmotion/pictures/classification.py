@@ -6,10 +6,10 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.classification.answer import Classification
 from modalmotion.classification.card import ModelCard
+from modalmotion.classification.intervals import wilson_interval
 from modalmotion.pictures.view import lighten, new_figure
 from modalmotion.representation import numeral, probability
 
@@ -250,23 +250,13 @@ def _draw_calibration(
     probability, share, n_cases = (np.array(column) for column in zip(*bins, strict=True))
     axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--", label="as stated")
     # Repetitions are on the same cases.
-    low, high = _wilson(share, n_cases / n_repetitions)
+    low, high = wilson_interval(share, n_cases / n_repetitions)
     reach = np.maximum([share - low, high - share], 0.0)
     style = {"color": _BLUE, "marker": "o", "linewidth": 1.5, "capsize": 2, "elinewidth": 1}
     words = "measured, with its 95 % interval"
     axes.errorbar(probability, share, yerr=reach, label=words, **style)
     axes.legend(loc="lower right", fontsize=8, frameon=False)
     _square(axes, "probability stated", "share that was right")
-
-
-def _wilson(
-    share: NDArray[np.float64], n: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    # 95 % interval of a share. Wilson, Probable inference, J Am Stat Assoc, 1927.
-    z = 1.959963984540054
-    centre = (share + z**2 / (2 * n)) / (1 + z**2 / n)
-    half = z / (1 + z**2 / n) * np.sqrt(share * (1 - share) / n + z**2 / (4 * n**2))
-    return centre - half, centre + half
 
 
 def _say_nothing(axes: Any, text: str) -> None:

@@ -107,7 +107,7 @@ COMPACT: Final = 10
 
 
 def note_on_compactness(n_modes: int, n_vertices: int) -> str:
-    """Say that so many modes are no longer compact, if they are more than the usual number."""
+    """Return a note if so many modes are no longer compact and more than the usual number."""
     if n_modes <= USUAL_MODES or n_modes * COMPACT <= n_vertices:
         return ""
     return (

@@ -209,7 +209,7 @@ def resample(
 
 
 def note_on(resampled: Resampled) -> str:
-    """Say how far the surfaces may be off."""
+    """Return a note on the deviation of the surfaces between frames."""
     unit = resampled.sequence.unit or "length units"
     most = float(resampled.rms_deviations.max())
     return (

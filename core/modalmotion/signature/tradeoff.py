@@ -324,7 +324,7 @@ def measure_tradeoff(
         7 modes by default. A topology that they state is the only one measured; otherwise all
         that fit the surface are.
     most_modes : int
-        Modes of the front's largest set; fewer if the surface does not tell so many apart.
+        Modes of the front's largest set; fewer if the vertices do not distinguish so many.
     components : tuple of Components, optional
         All that the surface has by default.
     template : Template, optional
@@ -335,7 +335,7 @@ def measure_tradeoff(
     Raises
     ------
     ToleranceError
-        If nothing holds the tolerance.
+        If no set of modes keeps the tolerance.
     ParameterError
         If a tolerance is in mm and the unit of the sequence unknown, or normal displacements are
         requested.

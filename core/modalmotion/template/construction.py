@@ -385,7 +385,7 @@ def _carried_over(
 
 
 def _notes_on_merging(representatives: NDArray[np.int64]) -> list[str]:
-    """Say how many vertices others stand for: see `Template.representatives`."""
+    """Note how many vertices were merged with others: see `Template.representatives`."""
     others = np.flatnonzero(representatives != np.arange(len(representatives)))
     if not len(others):
         return []
@@ -428,7 +428,7 @@ def _notes_on_mesh(surface: Surface, isolated: NDArray[np.int64]) -> list[str]:
 
 
 def _note_on_border(cover: float, border: float) -> str:
-    """Say that the kind of a closed surface's modes is nearly the other."""
+    """Note that a closed surface is near the border between the two kinds of modes."""
     return (
         f"The kind of modes is near its border: the coordinates of a sphere cover this surface "
         f"{cover:.2f} times, and below {border:g} it has the springs of its own mesh. Another "

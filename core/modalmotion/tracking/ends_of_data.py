@@ -272,7 +272,7 @@ def with_endings(
 
 
 def _kind(frame: Frame, end: str, *, is_even: bool) -> str | None:
-    """Tell what may show an end in a frame: the border of a mesh, an even cloud, or nothing."""
+    """Return what may show an end in a frame: the border of a mesh, an even cloud, or nothing."""
     if any(part.end == end for part in frame):
         return None
     if any(part.border is not None for part in frame):
@@ -295,7 +295,7 @@ def _border(surface: Deformable, frame: Frame, end: str, patch: float) -> tuple[
 
 
 def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool:
-    """Tell points all over a surface from those along lines on it."""
+    """Return whether the points cover a surface, rather than lines on it."""
     if any(len(part) and not part.is_landmark and not lies_evenly(part) for part in frame):
         return False
     even = [part.points for part in frame if lies_evenly(part)]

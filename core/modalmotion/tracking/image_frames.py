@@ -53,7 +53,7 @@ _BEYOND: Final = 3.0
 def with_end(
     stated: Sequence[Frame], reference: int, end: str, places: Floats, sd: float
 ) -> tuple[Frame, ...]:
-    """Hold an end at places, (frames, 3) or (3,), in frames that do not state it."""
+    """Add the place of an end, (frames, 3) or (3,), to frames that do not state it."""
     each = np.broadcast_to(places, (len(stated), 3))
     return tuple(
         frame

@@ -241,7 +241,7 @@ def track(
 
 
 def _require_time(time: str) -> bool:
-    """Tell whether the frames are a cycle."""
+    """Return whether the frames are a cycle."""
     if time not in ("cycle", "open"):
         raise ParameterError(
             f"The time is {time!r:.40}.", remedy="Use cycle for one whole period, or open."

@@ -102,7 +102,7 @@ def base_by_volume(
 def with_assumed_base(
     frames: Sequence[Frame], template: Template, reference: int, shapes: Floats
 ) -> tuple[tuple[Frame, ...], Mapping[str, Floats]]:
-    """Hold the base where it is by volume, in frames of points that neither state it nor end there.
+    """Add the base by volume to frames of points that neither state it nor end there.
 
     Parameters are those of `base_by_volume`; `levels` are those of `with_levels`.
     """

@@ -87,7 +87,7 @@ def quality_of(surface: Deformable, info: NormalEquations) -> tuple[float, float
 
 
 def notes_on(result: Track) -> list[str]:
-    """Say what was not seen, what the prior said instead, and what speaks against the track."""
+    """Return notes on what was not seen, what the prior added, and what makes a track doubtful."""
     seen = np.array([k not in result.unseen for k in range(result.n_frames)])
     x = result.sequence.vertices.astype(np.float64)
     centres = x.mean(axis=1)
@@ -176,7 +176,7 @@ def end_notes(
 
 
 def axis_notes(result: Track, stated: Sequence[Frame]) -> list[str]:
-    """Say what in the first frame with apex and base speaks against them."""
+    """Return notes on what contradicts apex and base in the first frame that has both."""
     known = [ends_in(frame) for frame in stated]
     k = next((k for k, ends in enumerate(known) if {"apex", "base"} <= ends.keys()), None)
     if k is None or result.template.topology != CUP:

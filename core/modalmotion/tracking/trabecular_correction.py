@@ -132,7 +132,7 @@ def muscle_within(
 
 
 def _before_blood(like: Floats, away: Floats, step: float) -> NDArray[np.bool_]:
-    """Tell samples between an edge and the first blood on its inner side."""
+    """Find the samples between an edge and the first blood on its inner side."""
     n = max(1, round(_BLURRED / step))
     sums = np.zeros((len(like), like.shape[1] + 1))
     np.cumsum(like, axis=1, out=sums[:, 1:])

@@ -18,7 +18,7 @@ from starlette.types import Scope as Connection
 
 from modalmotion.errors import ModalMotionError
 from modalmotion.mesh import NAMES
-from modalmotion_service.access import scopes as scopes
+from modalmotion_service.access import scopes
 from modalmotion_service.access.audit import BEGUN, AuditLog, Event
 from modalmotion_service.access.keys import Authenticator, key_required
 from modalmotion_service.access.logins import Logins, is_login

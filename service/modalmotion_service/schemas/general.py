@@ -27,8 +27,8 @@ class Readiness(Health):
     stateless: bool
     """Whether nothing is kept here; rates are then counted by each such service for itself."""
     parsers_confined: bool | None
-    """Whether what parses HDF5 and VTK sees nothing but its file; null where only the workers of a
-    scheduler know."""
+    """Whether what parses HDF5, MATLAB and images sees nothing but its file; null where only the
+    workers of a scheduler know."""
 
 
 class Problem(Answer):

@@ -77,7 +77,7 @@ class Engine(Executor):
         return {}
 
     are_parsers_confined: bool | None = None
-    """Whether its workers confine what parses HDF5 and VTK; None if only they know."""
+    """Whether its workers confine what parses HDF5, MATLAB and images; None if only they know."""
 
     @abstractmethod
     def require_ready(self) -> None:

@@ -79,10 +79,10 @@ def are_confined() -> bool:
 def say_whether_confined() -> None:
     """Have the log say it, at the start."""
     if are_confined():
-        logger.info("parsers of HDF5 and VTK are confined by Landlock")
+        logger.info("parsers of HDF5, MATLAB and images are confined by Landlock")
     else:
         logger.warning(
-            "parsers of HDF5 and VTK are not confined: this system has no Landlock, see "
+            "parsers of HDF5, MATLAB and images are not confined: this system has no Landlock, see "
             "docs/operations.md"
         )
 

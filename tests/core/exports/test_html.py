@@ -34,6 +34,14 @@ def test_it_is_static_and_says_what_the_modes_are(name: str) -> None:
     assert not tags.seen & {"script", "img", "iframe", "link", "style"}
 
 
+def test_modes_along_normals_are_named_as_such() -> None:
+    sequence = viewed("cup")[0]
+    along = to_html(sequence.signature(kind="normal_displacement"))
+    assert "all outward or all inward" in along
+    assert "translation" not in along
+    assert "translation" in to_html(sequence.signature())
+
+
 def test_ten_thousand_frames_stay_small() -> None:
     signature = viewed("cup")[1]
     n = 10_000

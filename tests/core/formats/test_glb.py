@@ -44,7 +44,7 @@ def glb(document: dict[str, Any], *arrays: NDArray[Any]) -> bytes:
 
 
 def scene(**changes: Any) -> dict[str, Any]:
-    """A mesh of two primitives below a turned parent, weights moved by a spline."""
+    """A mesh of two primitives below a turned parent, weights moved in steps."""
     return {
         "scene": 0,
         "scenes": [{"nodes": [1]}],

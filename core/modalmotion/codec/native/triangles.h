@@ -9,7 +9,7 @@
 enum { NEW, AHEAD, BEHIND, OLDER };
 enum { GIVEN_UP = -1, NOBODY = -1, OLDER_BIT = 12, GIVEN_UP_CODE = 64 };
 
-/* Kinds of keys in the hash table; those of answers have 1 in their lowest bits. */
+/* Kinds of keys in the hash table; those of a bit's contexts have 1 in their lowest bits. */
 enum { TAG_EDGE = 2, TAG_BESIDE, TAG_RING, TAG_PATH, TAG_PAIR, TAG_TAKEN, TAG_STEPS };
 
 /* An edge that is open `count` times, and its neighbours in the lists of its two ends. */

@@ -264,7 +264,7 @@ def _number(value: Any) -> float | None:
 
 
 def _sealed(value: Any) -> str:
-    """Tell equal from different, and nothing else."""
+    """Return a digest: equal values have equal ones, and nothing else can be read from it."""
     return hashlib.sha256(f"{value}".encode()).hexdigest()[:16]
 
 
