@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.special import softmax
+from scipy.stats import binomtest
 from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score, roc_curve
 
 from modalmotion.classification.intervals import (
@@ -187,6 +188,14 @@ def _covers(draw: int, kind: str) -> bool:
 def test_intervals_of_clustered_cases_hold_the_truth(kind: str) -> None:
     covered = np.mean([_covers(draw, kind) for draw in range(200)])
     assert 0.88 <= covered <= 1.0
+
+
+@pytest.mark.parametrize("n_right", [0, 1, 8, 10])
+def test_the_interval_of_a_share_is_that_of_scipy(n_right: int) -> None:
+    subjects = [str(i) for i in range(10)]
+    theirs = binomtest(n_right, 10).proportion_ci(method="wilson")
+    ours = share_interval(np.arange(10) < n_right, subjects)
+    assert ours == pytest.approx((theirs.low, theirs.high), abs=1e-12)
 
 
 def test_the_design_effect_is_one_for_independent_cases_and_the_size_for_copies() -> None:
