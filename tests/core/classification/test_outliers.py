@@ -115,7 +115,7 @@ def test_a_time_course_that_is_nearly_symmetric_is_not_reversed() -> None:
     detector, asked = model().outliers, model().signature_parameters
     for beat, _ in beats(1, seed=3):
         inputs = detector.read(Motion(mm.modal_signature(beat, asked)))
-        for share, is_reversed in ((1.0, False), (-0.05, False), (-1.0, True)):
+        for share, is_reversed in ((1.0, False), (-0.05, False), (-0.2, True), (-1.0, True)):
             kinds = inputs.kinds * np.where(detector.signs[1] < 0, share, 1.0)
             scores = detector.scores(inputs._replace(kinds=kinds))[0]
             assert (scores > detector.limits)[CHECKS.index("reversed")] == is_reversed

@@ -9,7 +9,7 @@ import pytest
 import scipy
 from ellipsoid_images import MIDDLE, Look, planes, spheroid, uneven, volume
 
-from modalmotion.images import Volume
+from modalmotion.images import PlaneSet, Volume
 from modalmotion.images.edges import Levels
 from modalmotion.tracking.image_levels import renewed
 from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
@@ -69,11 +69,24 @@ def test_a_thick_slice_shows_edges_where_the_surface_is(thickness: float) -> Non
     assert (np.mean(((view.edges.offsets - view.drawn) * normal)[k]) < -0.25) == is_thick
 
 
-def test_levels_are_those_beyond_the_blur_of_an_edge() -> None:
-    shape = (28, 28, 36)
-    affine = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(shape) - 1)])
+def test_labels_of_a_thick_slice_are_those_of_its_middle() -> None:
+    thin = planes(look=Look(noise=0.0), thickness=1.5)
+    images = PlaneSet(tuple(replace(plane, thickness=12.0) for plane in thin.planes))
+    labelled = replace(IMAGING, levels=Levels(LOOK.blood, LOOK.wall, 0.0), shifts=np.zeros((8, 3)))
+    view = view_of(images, FACETS, TEMPLATE.vertices, labelled.within(4.0), 4.0)
+    k = view.edges.is_found & (view.planes >= 6)
+    assert np.mean(view.drawn[k]) > 0.25
+    assert np.mean(view.edges.offsets[k]) == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("voxel", "blur"), [(3.0, 0.5), (5.0, 0.0)])
+def test_levels_are_those_beyond_the_blur_of_an_edge_and_within_the_wall(
+    voxel: float, blur: float
+) -> None:
+    shape = int(84 / voxel), int(84 / voxel), int(108 / voxel)
+    affine = np.column_stack([voxel * np.eye(3), MIDDLE - voxel / 2 * (np.array(shape) - 1)])
     sharp = volume(look=Look(noise=0.0), affine=affine, shape=shape)
-    blurred = replace(sharp, values=scipy.ndimage.gaussian_filter(sharp.values, 0.5))
+    blurred = replace(sharp, values=scipy.ndimage.gaussian_filter(sharp.values, blur))
     levels = renewed(IMAGING, seen(blurred)).levels
     contrast = LOOK.blood - LOOK.wall
     assert levels.outside == pytest.approx(LOOK.wall, abs=0.05 * contrast)
