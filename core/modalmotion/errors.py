@@ -23,6 +23,7 @@
 
 from __future__ import annotations
 
+import copy
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,6 +80,16 @@ def _rebuild(kind: type[ModalMotionError], state: dict[str, object]) -> ModalMot
     error = kind(str(state["message"]))
     error.__dict__.update(state)
     return error
+
+
+def named(error: ModalMotionError, name: str, **details: object) -> ModalMotionError:
+    """Copy an error with the name of the file or case that it is about."""
+    copied = copy.copy(error)
+    if name:
+        copied.message = f"{name}: {error.message}"
+        copied.args = (copied.message, *error.args[1:])
+    copied.details = {**error.details, **details}
+    return copied
 
 
 class InputError(ModalMotionError, ValueError):

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
-from modalmotion.classification.cases import named
 from modalmotion.classification.model import Model, Readable, holds
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
@@ -20,7 +19,7 @@ from modalmotion.classification.model_files import (
     load_model,
     shipped_for,
 )
-from modalmotion.classification.motion import Column, Motion
+from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.errors import (
@@ -29,6 +28,7 @@ from modalmotion.errors import (
     ParameterError,
     TopologyError,
     UnlikeCasesError,
+    named,
 )
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
@@ -430,22 +430,24 @@ def _explanation(
     signature = motion.signature
     moving = signature.amplitudes - signature.amplitudes.mean(axis=0)
     squares = np.einsum("fmi,fmi->m", moving, moving) / signature.n_frames
+    places: dict[tuple[int, ...], list[int]]
+    places = {group: [] for group in waves_of(motion.modes, walls=False).modes}
+    wave_of = {k: group for group in places for k in group}
+    for place, column in enumerate(model.columns):
+        read = {wave_of[k] for k in column.modes}
+        if len(read) == 1:
+            places[read.pop()].append(place)
     parts = [
         ModeContribution(
             modes=tuple(str(motion.modes.labels[k]) for k in group),
-            score=float(lead[places].sum()),
+            score=float(lead[own].sum()),
             amplitude=math.sqrt(sum(squares[k] for k in group)),
             unit=signature.unit,
         )
-        for group in waves_of(motion.modes, walls=False).modes
-        if (places := [k for k, column in enumerate(model.columns) if _is_of(column, group)])
+        for group, own in places.items()
+        if own
     ]
     return tuple(sorted(parts, key=lambda part: -abs(part.score)))
-
-
-def _is_of(column: Column, group: tuple[int, ...]) -> bool:
-    """Whether a feature is read of modes of one wave, cosine and sine together, alone."""
-    return bool(column.modes) and set(column.modes) <= set(group)
 
 
 def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:

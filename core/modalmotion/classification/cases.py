@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from modalmotion.errors import (
     ModeCountError,
     NotFoundError,
     ParameterError,
+    named,
 )
 from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
@@ -198,16 +198,6 @@ def as_case(item: Any, number: int) -> TrainingCase:
 def case_name(sequence_id: str) -> str:
     """Give what errors call a case without a file."""
     return f"Sequence {sequence_id[:12]}"
-
-
-def named(error: ModalMotionError, name: str, **details: object) -> ModalMotionError:
-    """Copy an error of one of many cases, with the case's name."""
-    copied = copy.copy(error)
-    if name:
-        copied.message = f"{name}: {error.message}"
-        copied.args = (copied.message, *error.args[1:])
-    copied.details = {**error.details, **details}
-    return copied
 
 
 class LeftOut(NamedTuple):

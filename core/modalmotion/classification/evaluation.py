@@ -24,7 +24,7 @@ from modalmotion.classification.performance import (
 )
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.progress import Progress, as_share, in_percent, part_of
+from modalmotion.progress import Progress
 from modalmotion.representation import counted, csv_text, shown
 
 
@@ -178,29 +178,48 @@ def evaluate(
     ParameterError
         If there is no case, or one has a class that the model does not know.
     """
-    answers, n_trained = [], 0
+    return _evaluations((model,), cases, coverage, progress, left_out)[0]
+
+
+def _evaluations(
+    models: Sequence[Model],
+    cases: Iterable[AnyCase],
+    coverage: float,
+    progress: Progress | None,
+    left_out: list[LeftOut] | None,
+) -> list[Evaluation]:
+    """Test models on the same cases: one that cannot be used with one of them is left out of all.
+
+    Parameters are those of `evaluate`.
+    """
     n_cases = len(cases) if isinstance(cases, Sized) else 0
+    answers: list[list[CaseAnswer]] = [[] for _ in models]
+    n_trained = [0] * len(models)
     for number, source in enumerate(cases):
         called = source.name or f"case {number}"
         try:
             case = source if isinstance(source, TrainingCase) else source.read()
-            if case.label not in model.classes:
-                raise ParameterError(
-                    f"{called} has the class {str(case.label)[:80]!r}, which the model "
-                    f"{model.name!r} does not know.",
-                    remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
-                    details={"case": number},
-                )
-            answers.append(CaseAnswer.of(case, classify(case.motion, model, coverage)))
+            for model in models:
+                if case.label not in model.classes:
+                    raise ParameterError(
+                        f"{called} has the class {str(case.label)[:80]!r}, which the model "
+                        f"{model.name!r} does not know.",
+                        remedy=f"Give cases of its classes: {', '.join(model.classes)}.",
+                        details={"case": number},
+                    )
+            results = [classify(case.motion, model, coverage) for model in models]
         except UNUSABLE as error:
             if left_out is None:
                 raise
             left_out.append(LeftOut.of(error, called))
         else:
-            n_trained += _is_known(case, model)
+            for k, (model, result) in enumerate(zip(models, results, strict=True)):
+                answers[k].append(CaseAnswer.of(case, result))
+                n_trained[k] += _is_known(case, model)
         if progress is not None:
             progress(number + 1, max(n_cases, number + 1))
-    return evaluation_of(model, answers, coverage, n_trained)
+    each = zip(models, answers, n_trained, strict=True)
+    return [evaluation_of(model, own, coverage, n) for model, own, n in each]
 
 
 def evaluation_of(
@@ -367,13 +386,13 @@ def compare_models(
         and be of other topologies.
     cases : iterable of TrainingCase or CaseSource
         Of subjects that neither was trained on; sequences, where the two read signatures of
-        different parameters. Read one by one, for each model.
+        different parameters. Read one by one.
     coverage : float
         Level of the class sets.
     progress : callable, optional
-        Called with the percentage that is done, and 100.
+        Called with the number of cases that are done, and of all as far as known.
     left_out : list of LeftOut, optional
-        Cases that cannot be used are added to it; else one of them ends the comparison.
+        Cases that cannot be used with both are added to it; else one of them ends the comparison.
 
     Returns
     -------
@@ -384,12 +403,7 @@ def compare_models(
     ParameterError
         As in `evaluate`.
     """
-    listed = list(cases)
-    report = in_percent(progress)
-    halves = as_share(part_of(report, 0.0, 0.5)), as_share(part_of(report, 0.5, 1.0))
-    of_first = evaluate(first, listed, coverage, halves[0], left_out)
-    again = None if left_out is None else list(left_out)
-    return comparison_of(of_first, evaluate(second, listed, coverage, halves[1], again))
+    return comparison_of(*_evaluations((first, second), cases, coverage, progress, left_out))
 
 
 def comparison_of(first: Evaluation, second: Evaluation) -> Comparison:

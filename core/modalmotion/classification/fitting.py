@@ -32,8 +32,8 @@ from modalmotion.errors import ParameterError
 from modalmotion.representation import counted
 from modalmotion.signature.value import whole_count
 
-# Logs of the prior where a cavity is read: few hearts are told apart by the parts about the axis
-# first, then by the volume. Of other surfaces all tables are as likely.
+# Logs of the prior where a cavity is read: few hearts are distinguished by the parts about the
+# axis first, then by the volume. Of other surfaces all tables are as likely.
 _PRIOR: Final = {AXIS: 0.0, VOLUME: -0.7, SUMMARY: -2.0, WAVES: -2.0, TERMS: -2.0}
 
 # Tables of a model, and the least weight of one.

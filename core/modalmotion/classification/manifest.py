@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.classification.cases import TrainingCase, named
-from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError
+from modalmotion.classification.cases import TrainingCase
+from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError, named
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh import NO_FACTS, Facts, column_of, facts_in, states_fact
 from modalmotion.tracking.parameters import sequence_of

@@ -154,7 +154,7 @@ def symmetry_signs(motion: Motion, reader: Extractor) -> Array:
 class OutlierDetector:
     """Where the training cases lie.
 
-    It reads features of its own, so that it does not depend on those that tell classes apart.
+    It reads features of its own, so that it does not depend on those that distinguish classes.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ from modalmotion.cli.options import (
     members,
     signature_parameters,
 )
-from modalmotion.errors import InputError, ModalMotionError, ParameterError, StoreError
+from modalmotion.errors import InputError, ModalMotionError, ParameterError, StoreError, named
 from modalmotion.exports.files import SURFACES, save
 from modalmotion.formats import ReadOptions, write_npz, write_raw, write_vtkhdf
 from modalmotion.formats.detect import STREAM
@@ -312,7 +312,6 @@ def _cohort(
     manifest: Path, parameters: SignatureParameters, skips: bool, stated: dict[str, Any]
 ) -> Table:
     """Tabulate the recordings of a manifest; those that are left out are named."""
-    from modalmotion.classification.cases import named
     from modalmotion.classification.manifest import labelled_files
     from modalmotion.exports.tables import cohort_table
 

@@ -20,6 +20,7 @@ from modalmotion.cli.options import (
     several,
     signature_parameters,
 )
+from modalmotion.errors import InputError, named
 from modalmotion.exports.reading import read_recording
 from modalmotion.formats import ReadOptions
 from modalmotion.formats.named_arrays import RAW_TYPES
@@ -182,8 +183,12 @@ def read(source: Path, **stated: Any) -> MeshSequence:
         Fields of `ReadOptions`, and options that state facts.
     """
     options = ReadOptions(facts=stated_facts(stated), **stated)
-    with counting("frames") as bar:
-        result = read_recording(source, options, progress=bar)
+    try:
+        with counting("frames") as bar:
+            result = read_recording(source, options, progress=bar)
+    except InputError as error:
+        is_named = f"'{source.name}'" in error.message
+        raise named(error, "" if is_named else source.name) from error
     if result.ignored:
         click.echo(f"not used: {', '.join(result.ignored)}", err=True)
     for note in result.notes:

@@ -158,7 +158,8 @@ def frames_of_images(
         )
     images = images.sliced()
     stated_sd = _STATED * images.finest
-    stated = _marks(images, landmarks, reference, stated_sd)
+    empty: tuple[Frame, ...] = ((),) * images.n_frames
+    stated = with_landmarks(empty, landmarks, reference, stated_sd)
     places = ends_in(stated[reference])
     image = images.frames[reference]
     if image is None:
@@ -296,12 +297,6 @@ def _next(
         )
         a = np.concatenate([own.amplitudes, a[m:]])
     return a
-
-
-def _marks(
-    images: ImageSequence, landmarks: Mapping[str, Any] | None, reference: int, sd: float
-) -> tuple[Frame, ...]:
-    return with_landmarks(tuple(() for _ in images.frames), landmarks, reference, sd)
 
 
 def _notes(shares: Floats, images: ImageSequence, found: float) -> tuple[str, ...]:

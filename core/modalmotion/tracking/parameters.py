@@ -173,9 +173,8 @@ def sequence_of(
 
     A track's own file is its sequence, with the errors that it states. Clouds and contours are
     tracked as they come; meshes of changing connectivity only where the facts state
-    `tracking` normal_displacement,
-    for a mesh that ought to have been one is a mistake. Landmarks of the facts, apex and base as
-    points, place the start.
+    `tracking` normal_displacement, for a mesh that ought to have been one is a mistake. Landmarks
+    of the facts, apex and base as points, place the start.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ _FEWEST: Final = 3
 _ASIDE: Final = 0.35
 _SWAPPED: Final = 1.05
 
-_OFFSETS: Final = (
+_ALONG: Final = (
     "The motion follows the data along the surface's normals; along the surface it comes from "
     "the prior, with the stated standard deviation: twist and sliding are not measured."
 )
@@ -121,7 +121,7 @@ def notes_on(result: Track) -> list[str]:
         "unit and the coordinates of each frame.": is_other | is_away,
     }
     told = (text.format(_frames(np.flatnonzero(own))) for text, own in checks.items() if own.any())
-    notes = [_OFFSETS, *told]
+    notes = [_ALONG, *told]
     bound = result.ejection_fraction_bound
     if bound is not None and bound > _WIDE_BOUND:
         notes.append(

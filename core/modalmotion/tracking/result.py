@@ -166,8 +166,8 @@ class Track(FrozenArrays, Recorded):
     Parameters
     ----------
     sequence : MeshSequence
-        The surface in every frame, its facts saying that it was tracked as offsets: along its
-        normals it follows the data, along itself the prior.
+        The surface in every frame, tagged `tracking=normal_displacement`: along its normals it
+        follows the data, along itself the prior.
     template : Template
         Of the start, whose shape amplitudes are counted from.
     modes : ModeSet

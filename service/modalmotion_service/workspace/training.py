@@ -13,7 +13,7 @@ from typing import Final
 from pydantic import TypeAdapter
 
 from modalmotion.classification import CaseFile, TrainingOptions
-from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name, named
+from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name
 from modalmotion.classification.model_files import read_kept_model
 from modalmotion.classification.options import FEWER_MODES, OnError
 from modalmotion.errors import (
@@ -23,6 +23,7 @@ from modalmotion.errors import (
     NotFoundError,
     ParameterError,
     StoreError,
+    named,
 )
 from modalmotion.mesh import Facts
 from modalmotion.modes.topology import MESH

@@ -10,6 +10,7 @@ from classify_samples import curves, curves_model
 from scipy.stats import binomtest
 
 from modalmotion.classification import TrainingOptions, compare_models, evaluate, train
+from modalmotion.classification.cases import LeftOut
 from modalmotion.classification.evaluation import comparison_of
 from modalmotion.errors import ParameterError
 
@@ -38,6 +39,24 @@ def test_a_model_of_shuffled_labels_is_worse() -> None:
     assert result.log_loss.high < 0.0
     assert result.as_json()["accuracy"]["p"] == result.accuracy.p
     assert result.only_second > result.only_first
+
+
+def test_a_case_that_one_model_does_not_know_is_left_out_of_both() -> None:
+    cases = curves(5, seed=8)
+    other = replace(cases[3], label="other", name="third.npz")
+    wider = replace(curves_model(), classes=("back", "tip", "other"))
+    pad = np.zeros((len(wider.centre), 1))
+    wider = replace(
+        wider,
+        weights=np.hstack([wider.weights, pad]),
+        intercepts=np.append(wider.intercepts, -50.0),
+        shares=np.vstack([wider.shares, [-np.inf, np.inf]]),
+        strangeness=(*wider.strangeness, np.zeros(0)),
+    )
+    left_out: list[LeftOut] = []
+    result = compare_models(wider, curves_model(), [*cases, other], left_out=left_out)
+    assert result.n_cases == len(cases)
+    assert ["third.npz" in str(one) for one in left_out] == [True]
 
 
 def test_differences_are_those_of_the_figures_and_p_of_mcnemar() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -188,3 +190,26 @@ def test_a_manifest_states_facts_in_columns_and_each_once(tmp_path: Path) -> Non
         manifest.write_text(text)
         with pytest.raises(MalformedFileError, match=message):
             read_manifest(manifest)
+
+
+OUTPUTS = {"signature": ".h5", "report": ".pdf", "readouts": ""}
+
+
+@pytest.mark.parametrize("command", OUTPUTS)
+@pytest.mark.parametrize("fault", ["cut", "nan", "empty", "absent"])
+def test_an_error_names_the_file_once(beat: Path, tmp_path: Path, command: str, fault: str) -> None:
+    data = beat.read_bytes()
+    arrays = dict(np.load(beat))
+    arrays["vertices"][1, 2, 0] = np.nan
+    with_nan = io.BytesIO()
+    np.savez(with_nan, **arrays)
+    found = {"cut": data[: len(data) // 2], "nan": with_nan.getvalue(), "empty": b""}
+    path = tmp_path / "sent.npz"
+    if fault in found:
+        path.write_bytes(found[fault])
+    output = [] if command == "readouts" else ["-o", str(tmp_path / f"out{OUTPUTS[command]}")]
+    run = CliRunner().invoke(main, [command, str(path), *output])
+    assert run.exit_code == 1
+    assert run.stderr.count("sent.npz") == 1
+    assert ("Frame 1, vertex 2" in run.stderr) == (fault == "nan")
+    assert not (tmp_path / f"out{OUTPUTS[command]}").exists()

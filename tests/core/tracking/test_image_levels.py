@@ -17,15 +17,15 @@ from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
 LOOK = Look(noise=4.0)
 TEMPLATE = spheroid()
 FACETS = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
-SIGHT = Imaging(Levels(LOOK.blood, LOOK.wall, 1.0), np.zeros(3), MIDDLE, np.zeros((1, 3)))
+IMAGING = Imaging(Levels(LOOK.blood, LOOK.wall, 1.0), np.zeros(3), MIDDLE, np.zeros((1, 3)))
 
 
 def seen(image: Volume) -> View:
-    return view_of(image, FACETS, TEMPLATE.vertices, SIGHT.within(4.0), 4.0)
+    return view_of(image, FACETS, TEMPLATE.vertices, IMAGING.within(4.0), 4.0)
 
 
 def spread_of(image: Volume) -> float:
-    return renewed(SIGHT, seen(image)).levels.spread
+    return renewed(IMAGING, seen(image)).levels.spread
 
 
 @pytest.mark.parametrize("noise", [1.0, 4.0, 8.0])
@@ -50,15 +50,15 @@ def test_blood_is_looked_for_beyond_a_dark_layer() -> None:
     profiles = view.profiles.copy()
     profiles[k] = np.where((away > -5.0) & (away < 0.0), 70.0, profiles[k])
     dark = View(**{**vars(view), "profiles": profiles})
-    layered = replace(SIGHT, has_layers=True)
+    layered = replace(IMAGING, has_layers=True)
     assert renewed(layered, dark).levels.inside == pytest.approx(100.0, abs=2.0)
-    assert renewed(SIGHT, dark).levels.inside < 90.0
+    assert renewed(IMAGING, dark).levels.inside < 90.0
 
 
 @pytest.mark.parametrize("thickness", [1.5, 12.0])
 def test_a_thick_slice_shows_edges_where_the_surface_is(thickness: float) -> None:
     # Drawn inward by h^2 / 24 R: 0.3 mm and more along the axis of slices of 12 mm.
-    imaging = replace(SIGHT, shifts=np.zeros((8, 3)))
+    imaging = replace(IMAGING, shifts=np.zeros((8, 3)))
     images = planes(look=Look(noise=0.0), thickness=thickness)
     view = view_of(images, FACETS, TEMPLATE.vertices, imaging.within(4.0), 4.0)
     k = view.edges.is_found & (view.planes >= 6)
@@ -74,7 +74,7 @@ def test_levels_are_those_beyond_the_blur_of_an_edge() -> None:
     affine = np.column_stack([3.0 * np.eye(3), MIDDLE - 1.5 * (np.array(shape) - 1)])
     sharp = volume(look=Look(noise=0.0), affine=affine, shape=shape)
     blurred = replace(sharp, values=scipy.ndimage.gaussian_filter(sharp.values, 0.5))
-    levels = renewed(SIGHT, seen(blurred)).levels
+    levels = renewed(IMAGING, seen(blurred)).levels
     contrast = LOOK.blood - LOOK.wall
     assert levels.outside == pytest.approx(LOOK.wall, abs=0.05 * contrast)
     assert levels.inside == pytest.approx(LOOK.blood, abs=0.03 * contrast)

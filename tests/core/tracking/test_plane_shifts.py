@@ -26,13 +26,13 @@ START = np.zeros((7, 3))
 PRIOR, _ = first_guess(SURFACE)
 NOISE = Noise(0.5, 0.2, 28.0)
 LOOK = Look(noise=2.0)
-SIGHT = Imaging(Levels(LOOK.blood, LOOK.wall, 1.0), np.zeros(3), MIDDLE, np.zeros((8, 3)))
-VIEW = view_of(planes(look=LOOK), FACETS, TEMPLATE.vertices, SIGHT.within(4.0), 4.0)
+IMAGING = Imaging(Levels(LOOK.blood, LOOK.wall, 1.0), np.zeros(3), MIDDLE, np.zeros((8, 3)))
+VIEW = view_of(planes(look=LOOK), FACETS, TEMPLATE.vertices, IMAGING.within(4.0), 4.0)
 SEEN: Frame = (VIEW.observation(),)
 
 
 def left(sd: float, frame: Frame = SEEN) -> Floats:
-    imaging = replace(SIGHT, shift_sd=sd)
+    imaging = replace(IMAGING, shift_sd=sd)
     return left_by_shifts(Scene(SURFACE, frame, VIEW, START, PRIOR, NOISE, imaging), NORMALS)
 
 

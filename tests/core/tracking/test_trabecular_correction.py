@@ -44,7 +44,7 @@ MIDDLING = 8.0
 AFFINE = np.column_stack([2.0 * np.eye(3), MIDDLE - (np.array(SHAPE) - 1.0)])
 LOOK = Look(noise=1.0)
 LEVELS = Levels(LOOK.blood, LOOK.wall, 1.0)
-SIGHT = Imaging(LEVELS, np.zeros(3), MIDDLE, np.zeros((1, 3)), has_layers=True).within(4.0)
+IMAGING = Imaging(LEVELS, np.zeros(3), MIDDLE, np.zeros((1, 3)), has_layers=True).within(4.0)
 
 
 def trabeculated(depth: float, share: float, radius: float = RADIUS) -> Volume:
@@ -67,7 +67,7 @@ SURFACE = Deformable.of(TEMPLATE, 18)
 def seen(image: Volume) -> View:
     """Edges about the surface."""
     facets = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
-    return view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0)
+    return view_of(image, facets, TEMPLATE.vertices, IMAGING, 4.0)
 
 
 def mean_of(field: Floats) -> float:
@@ -78,35 +78,35 @@ def mean_of(field: Floats) -> float:
 
 def test_muscle_is_what_is_dark_wherever_the_edge_is() -> None:
     # In a plane wall; 4 mm of half muscle within cones of 24 mm are 1.7.
-    flat = muscle_within(seen(trabeculated(4.0, 0.5)), SIGHT, SURFACE, 1e9)
+    flat = muscle_within(seen(trabeculated(4.0, 0.5)), IMAGING, SURFACE, 1e9)
     assert mean_of(flat) == pytest.approx(2.0, abs=0.4)
     view = seen(trabeculated(4.0, 0.5))
-    assert mean_of(muscle_within(view, SIGHT, SURFACE, 24.0)) / mean_of(flat) == pytest.approx(
+    assert mean_of(muscle_within(view, IMAGING, SURFACE, 24.0)) / mean_of(flat) == pytest.approx(
         (1.0 - (1.0 - 4.0 / 24.0) ** 3) / 3.0 * 24.0 / 4.0, abs=0.05
     )
     # An edge that lies half a mm farther in has half a mm of muscle less within it.
     nearer = replace(view, edges=view.edges._replace(offsets=view.edges.offsets - 0.5))
-    moved = mean_of(muscle_within(nearer, SIGHT, SURFACE, 1e9))
+    moved = mean_of(muscle_within(nearer, IMAGING, SURFACE, 1e9))
     assert moved == pytest.approx(mean_of(flat) - 0.5, abs=0.25)
-    without = muscle_within(seen(trabeculated(0.0, 0.0)), SIGHT, SURFACE, 1e9)
+    without = muscle_within(seen(trabeculated(0.0, 0.0)), IMAGING, SURFACE, 1e9)
     assert mean_of(without) == pytest.approx(0.0, abs=0.15)
 
 
 def test_muscle_beyond_blood_is_none_of_trabeculae() -> None:
     view = seen(trabeculated(0.0, 0.0))
     away = view.offsets[None] - view.edges.offsets[:, None]
-    own = muscle_within(view, SIGHT, SURFACE, 1e9)
+    own = muscle_within(view, IMAGING, SURFACE, 1e9)
     for low, high, expected in ((-8.0, -4.5, 0.0), (-3.5, 0.0, 3.5)):
         profiles = np.where((away > low) & (away < high), LOOK.wall, view.profiles)
-        found = muscle_within(replace(view, profiles=profiles), SIGHT, SURFACE, 1e9)
+        found = muscle_within(replace(view, profiles=profiles), IMAGING, SURFACE, 1e9)
         assert mean_of(found - own) == pytest.approx(expected, abs=0.4)
 
 
 def test_a_layer_is_part_of_the_wall_where_none_is_looked_for() -> None:
     facets = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
     image = trabeculated(4.0, 0.5)
-    with_layers = view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0).edges
-    without = replace(SIGHT, has_layers=False)
+    with_layers = view_of(image, facets, TEMPLATE.vertices, IMAGING, 4.0).edges
+    without = replace(IMAGING, has_layers=False)
     edges = view_of(image, facets, TEMPLATE.vertices, without, 4.0).edges
     assert (edges.inside == 1.0).all()
     is_layer = with_layers.inside < 1.0
@@ -118,8 +118,8 @@ def test_faint_layers_are_seen_where_trabeculae_are_known_to_be() -> None:
     facets = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
     # A quarter of muscle: a likeness of 0.5.
     image = trabeculated(4.0, 0.25)
-    distinct = view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0, layers="distinct").edges
-    faint = view_of(image, facets, TEMPLATE.vertices, SIGHT, 4.0).edges
+    distinct = view_of(image, facets, TEMPLATE.vertices, IMAGING, 4.0, layers="distinct").edges
+    faint = view_of(image, facets, TEMPLATE.vertices, IMAGING, 4.0).edges
     assert (distinct.inside < 1.0).mean() < 0.15
     assert (faint.inside < 1.0).mean() > 0.3
 
@@ -151,7 +151,7 @@ def test_muscle_has_its_volume_wherever_it_is_spread() -> None:
 def test_the_reference_stays_and_missing_frames_are_left_out() -> None:
     views = [seen(trabeculated(4.0, 0.5)), None, seen(trabeculated(0.0, 0.0))]
     shapes = np.stack([TEMPLATE.vertices] * 3)
-    (first, missing, last), means = with_trabeculae(views, [SIGHT] * 3, SURFACE, shapes, 0)
+    (first, missing, last), means = with_trabeculae(views, [IMAGING] * 3, SURFACE, shapes, 0)
     assert first is views[0]
     assert missing is None
     assert last is not None
@@ -161,14 +161,14 @@ def test_the_reference_stays_and_missing_frames_are_left_out() -> None:
     assert float(np.quantile(moved, 0.7)) == pytest.approx(2.0, abs=0.5)
     assert means[2] == pytest.approx(float(np.mean(moved)), abs=0.5)
     assert not means[:2].any()
-    (_, same), none = with_trabeculae([None, before], [SIGHT] * 2, SURFACE, shapes[:2], 0)
+    (_, same), none = with_trabeculae([None, before], [IMAGING] * 2, SURFACE, shapes[:2], 0)
     assert same is before
     assert not none.any()
 
 
 def test_only_layers_all_round_are_trabeculae() -> None:
     shape = mesh_sequence(TEMPLATE.vertices[None], TEMPLATE.faces, grid=(20, 40), topology="cup")
-    imaging = replace(SIGHT, has_layers=False)
+    imaging = replace(IMAGING, has_layers=False)
     assert has_trabeculae(trabeculated(4.0, 0.5), shape, imaging, 4.0)
     assert not has_trabeculae(trabeculated(0.0, 0.0), shape, imaging, 4.0)
     # Blood of many brightnesses is no noise.
