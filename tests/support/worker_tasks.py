@@ -15,9 +15,10 @@ import numpy as np
 from modalmotion.errors import NonFiniteError
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion_service.work.answers import to_bytes
+from modalmotion_service.work.engine import PREFIX
 from modalmotion_service.work.tasks.files import whole_file
 from modalmotion_service.work.upload import _forks, parser_for
-from modalmotion_service.work.worker import answer, remembering
+from modalmotion_service.work.worker import remembering
 
 
 def swallow_memory() -> int:
@@ -102,11 +103,13 @@ def parse_and_tell(data: bytes, times: int = 1) -> list[int]:
 
 
 def answer_twice() -> int:
-    """Answer once more than asked, as a worker that was taken over might; gives the task's own."""
+    """Answer 2, 3 and then its own 4, as a worker that was taken over might."""
     frame: FrameType | None = sys._getframe()
     while frame is not None:
         if isinstance(ours := frame.f_locals.get("ours"), socket.socket):
-            answer(ours, to_bytes(2))
-            return 3
+            # As one, so that the second is there when the first is.
+            data = to_bytes(2), to_bytes(3)
+            ours.sendall(b"".join(len(one).to_bytes(PREFIX, "little") + one for one in data))
+            return 4
         frame = frame.f_back
     raise AssertionError("no socket")

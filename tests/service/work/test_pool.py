@@ -194,7 +194,7 @@ def test_a_worker_that_adds_to_its_answer_is_replaced() -> None:
     with WorkerPool(1, 20.0, MEMORY) as pool:
         pid = pool.submit(os.getpid).result(timeout=60)
         assert pool.submit(answer_twice).result(timeout=60) == 2
-        assert pool.submit(os.getpid).result(timeout=60) != pid
+        assert pool.submit(os.getpid).result(timeout=60) not in (pid, 3)
 
 
 def test_a_task_is_given_up_at_the_moment_at_which_its_process_is_replaced(
