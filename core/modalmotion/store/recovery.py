@@ -15,7 +15,7 @@ from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.hdf5.image import require_match
 from modalmotion.hdf5.sealed import digest_of
 from modalmotion.images.hdf5 import read_images_file
-from modalmotion.mesh.hdf5 import read_sequence
+from modalmotion.mesh.sequence import read_sequence
 from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
@@ -41,7 +41,7 @@ from modalmotion.store.folder import (
     record_to_json,
 )
 from modalmotion.store.index import Index, put_models, put_records, put_results, to_text
-from modalmotion.template.hdf5 import read_template
+from modalmotion.template.template import read_template
 from modalmotion.tracking.hdf5 import read_track
 
 _STRANGE_VERTICES: Final = "Its vertices are not those that its id represents."
