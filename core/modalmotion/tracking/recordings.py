@@ -22,7 +22,7 @@ from modalmotion.progress import Progress
 from modalmotion.tracking.hdf5 import kept_track
 from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
 from modalmotion.tracking.label_values import is_label_map
-from modalmotion.tracking.landmarks import Proposed, landmarks_of
+from modalmotion.tracking.landmarks import Proposed, as_places, landmarks_of
 from modalmotion.tracking.making import Start, motion_in
 from modalmotion.tracking.observation import of_surface
 from modalmotion.tracking.parameters import (
@@ -78,13 +78,13 @@ def track(
     >>> mm.track([*beat.vertices.astype(float)], unit="mm", modes=4).n_frames
     4
     """
-    try:
-        parameters = TrackParameters(**options)
-    except TypeError as error:
-        names = ", ".join(one.name for one in fields(TrackParameters))
+    names = [one.name for one in fields(TrackParameters)]
+    if unknown := [name for name in options if name not in names]:
         raise ParameterError(
-            f"track() cannot be called so: {error}.", remedy=f"Its options are {names}."
-        ) from None
+            f"track() has no option {unknown[0]!r}.",
+            remedy=f"Its options are {', '.join(names)}.",
+        )
+    parameters = TrackParameters(**options)
     if isinstance(observed, MeshSequence):
         facts = replace(facts, period=facts.period or observed.facts.period)
         surfaces = tuple(of_surface(x, observed.faces) for x in observed.vertices)
@@ -255,7 +255,7 @@ def segment(
             remedy="Name a frame that has one, counted from 0.",
             frame=frame,
         )
-    places = {name: np.asarray(value, np.float64) for name, value in (landmarks or {}).items()}
+    places = {name: as_places(name, value) for name, value in (landmarks or {}).items()}
     each = (sequence.n_frames, 3)
     own = {name: one[frame] if one.shape == each else one for name, one in places.items()}
     one = ImageSequence((sequence.frames[frame],), notes=sequence.notes)
