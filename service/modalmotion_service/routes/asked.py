@@ -7,6 +7,7 @@ import contextlib
 import json
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
@@ -94,6 +95,7 @@ class Asked:
         *,
         file: SpoolFile | None = None,
         tag: str | None = None,
+        key: str | None = None,
     ) -> Response:
         """Answer with what an operation makes, or 202 with a job that makes it.
 
@@ -104,7 +106,12 @@ class Asked:
         file : SpoolFile, optional
         tag : str, optional
             Of the answer: 304 where the client has it already.
+        key : str, optional
+            Idempotency key of the request.
         """
+        if key is not None:
+            make = partial(self.do, what, request, file=file, tag=tag)
+            return await self.once(key, what, request, file, make)
         if tag is not None and (known := self.knows(tag)) is not None:
             return known
         self.note(getattr(request.query, "template", None))
@@ -152,14 +159,6 @@ class Asked:
         while (await self.http.receive())["type"] != "http.disconnect":
             pass
 
-    async def start(
-        self, what: Operation, request: Request, file: SpoolFile | None = None
-    ) -> Response:
-        """Answer 202 with a job."""
-        job = await self.state.runner.perform(0.0, what, request, file)
-        assert isinstance(job, Job)  # noqa: S101 (it was asked for)
-        return accepted(job)
-
     async def once(
         self,
         key: str | None,
@@ -180,9 +179,8 @@ class Asked:
         if key is None:
             return await make()
         keys = self.state.idempotency
-        said = request.query.model_dump_json() + json.dumps(
-            None if file is None else facts_as_json(file.facts)
-        )
+        facts = facts_as_json(request.facts if file is None else file.facts)
+        said = request.query.model_dump_json() + json.dumps(facts)
         mark = media.tag_of(what.name, "" if file is None else file.sha256, said)
         known = await asyncio.to_thread(keys.claim, key, mark)
         if known is None:

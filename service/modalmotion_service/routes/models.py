@@ -49,7 +49,7 @@ async def train_model(
         with SpoolFile(state.spool.new_path()) as file:
             await asyncio.to_thread(write_cases, file, cases)
             request = Request(query=wanted.options, reference=name)
-            return await asked.start(operations.training, request, file)
+            return await asked.do(operations.training, request, file=file)
 
     said = Request(query=wanted)
     return await asked.once(idempotency_key, operations.training, said, None, make)
@@ -164,7 +164,7 @@ async def make_norm(
     async def make() -> Response:
         name = require_model_name(wanted.name)
         await asyncio.to_thread(operations.require_free_norm, asked.state, name)
-        return await asked.start(operations.norm, await asked.about(wanted, queries.NormOptions))
+        return await asked.do(operations.norm, await asked.about(wanted, queries.NormOptions))
 
     said = Request(query=wanted)
     return await asked.once(idempotency_key, operations.norm, said, None, make)

@@ -38,11 +38,7 @@ async def upload_images(
     deleted once they are tracked, if they are not kept on purpose.
     """
     with sent.file as file:
-        return await asked.once(
-            idempotency_key,
-            *(operations.images, Request(), file),
-            lambda: asked.do(operations.images, Request(), file=file),
-        )
+        return await asked.do(operations.images, Request(), file=file, key=idempotency_key)
 
 
 @router.get("/images", tags=["images"])
@@ -112,10 +108,7 @@ async def track_recording(
         ids = () if query.start is None else (query.start,)
         request = Request(query=query, ids=ids, facts=file.facts)
         what = operations.tracked_report if query.report else operations.track
-        begin = asked.start if query.report else asked.do
-        return await asked.once(
-            *(idempotency_key, what, request, file), lambda: begin(what, request, file=own)
-        )
+        return await asked.do(what, request, file=own, key=idempotency_key)
 
 
 @router.get("/tracks/{track_id}", tags=["tracks"], **answers(JSON, HDF5, PNG, VIEW, of=TrackAnswer))

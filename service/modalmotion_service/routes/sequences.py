@@ -42,11 +42,7 @@ async def upload_sequence(
     """
     with sent.file as file:
         request = Request(query=sent.query)
-        return await asked.once(
-            idempotency_key,
-            *(operations.upload, request, file),
-            lambda: asked.do(operations.upload, request, file=file),
-        )
+        return await asked.do(operations.upload, request, file=file, key=idempotency_key)
 
 
 @router.get("")

@@ -39,7 +39,7 @@ _CLASSIFYING: Final = 0.95
 _FITTING: Final = 0.8
 
 
-@operation(query=queries.TRAINING, is_apart=True)
+@operation(query=queries.TRAINING, is_job=True, is_apart=True)
 async def training(state: State, request: Request, report: Report) -> Outcome:
     """Train a model on the cases of a file."""
     cases = await asyncio.to_thread(read_cases, state.spool.at(request.file))
@@ -154,7 +154,7 @@ def require_free_norm(state: State, name: str) -> None:
         )
 
 
-@operation(query=queries.NormOptions)
+@operation(query=queries.NormOptions, is_job=True)
 async def norm(state: State, request: Request, report: Report) -> Outcome:
     """Make a norm of stored controls, and keep it."""
     query, cases, analysis = request.query, request.cases, state.analysis

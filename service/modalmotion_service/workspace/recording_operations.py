@@ -257,7 +257,7 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
     return Outcome(body, kind)
 
 
-@operation(media.ZIP, query=requests.TRACK, on_stored=keep_or_delete_images)
+@operation(media.ZIP, query=requests.TRACK, is_job=True, on_stored=keep_or_delete_images)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
     done = await track.work(state, request, part_of(report, 0.0, _TRACKING))
