@@ -37,7 +37,7 @@ from modalmotion_service.workspace.operation import Case, Operation, Outcome, Re
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.training import find_cases
 
-_LOOK_SECONDS: Final = 0.05
+_LOOK_SECONDS: Final = 0.2
 _KEPT_HEADERS: Final = ("content-type", "location", "etag", "preference-applied")
 
 
@@ -137,27 +137,16 @@ class Asked:
         ClientDisconnect
             If the client has left.
         """
-        done, gone = asyncio.ensure_future(work), None
+        done = asyncio.ensure_future(work)
         try:
-            # Most is done sooner, and nobody looks after its client.
-            await asyncio.wait([done], timeout=_LOOK_SECONDS)
-            if not done.done():
-                gone = asyncio.ensure_future(self._gone())
-                await asyncio.wait([done, gone], return_when=asyncio.FIRST_COMPLETED)
-                if not done.done():
+            while not (await asyncio.wait([done], timeout=_LOOK_SECONDS))[0]:
+                if await self.http.is_disconnected():
                     done.cancel()
                     await asyncio.wait([done])
-                    gone.result()
                     raise ClientDisconnect
             return done.result()
         finally:
-            for task in (done, gone):
-                if task is not None:
-                    task.cancel()
-
-    async def _gone(self) -> None:
-        while (await self.http.receive())["type"] != "http.disconnect":
-            pass
+            done.cancel()
 
     async def once(
         self,

@@ -27,7 +27,7 @@ from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.negotiation import CSV, JSON, PNG, attachment
 from modalmotion_service.schemas import queries
 from modalmotion_service.work.tasks import classification
-from modalmotion_service.work.tasks.classification import KeptRecording
+from modalmotion_service.work.tasks.files import Fitted
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.analysis import in_one_basis
 from modalmotion_service.workspace.job_runner import Report
@@ -216,14 +216,15 @@ def _facts(state: State, case: Case) -> Facts:
 
 async def _recordings(
     state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Report = silent
-) -> list[KeptRecording]:
+) -> list[Fitted]:
     recordings, paths = [], await fit_each(state, cases, parameters, report, _FITTING)
     for case, path in zip(cases, paths, strict=True):
         assert isinstance(path, Path)  # noqa: S101 (none is left out)
-        vertices = None
-        if state.store.sequence_record(case.id).has_upload:
+        record, vertices = state.store.sequence_record(case.id), path
+        if record.has_upload:
             vertices = await asyncio.to_thread(state.store.sequence_path, case.id)
-        recordings.append(KeptRecording(case.id, path, vertices, _facts(state, case), case.subject))
+        record = replace(record, facts=_facts(state, case), subject=case.subject)
+        recordings.append(Fitted(path, vertices, None, None, record))
     return recordings
 
 

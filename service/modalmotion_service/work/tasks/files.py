@@ -79,6 +79,7 @@ class Fitted:
     Parameters
     ----------
     signature, sequence : Path
+        The second is not read where the record says that no vertices are kept.
     template : Path or None
         That its parameters name.
     track : Path or None
