@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -94,7 +94,7 @@ class Asked:
         request: Request,
         *,
         file: SpoolFile | None = None,
-        tag: str | None = None,
+        tag: Sequence[str] | None = None,
         key: str | None = None,
     ) -> Response:
         """Answer with what an operation makes, or 202 with a job that makes it.
@@ -104,23 +104,29 @@ class Asked:
         what : Operation
         request : Request
         file : SpoolFile, optional
-        tag : str, optional
-            Of the answer: 304 where the client has it already.
+        tag : sequence of str, optional
+            What the answer is made from beside the query: 304 where the client has it already.
         key : str, optional
             Idempotency key of the request.
         """
         if key is not None:
             make = partial(self.do, what, request, file=file, tag=tag)
             return await self.once(key, what, request, file, make)
-        if tag is not None and (known := self.knows(tag)) is not None:
-            return known
+        kind = request.media_type or what.media_types[0]
+        if not request.media_type and len(what.media_types) > 1:
+            kind = self.media_type(*what.media_types)
+        request, headers = replace(request, media_type=kind), {}
+        if tag is not None:
+            headers["ETag"] = self.tagged(*tag, request.query.model_dump_json(), kind)
+            if (known := self.knows(headers["ETag"])) is not None:
+                return known
         self.note(getattr(request.query, "template", None))
         work = self.state.runner.perform(self.wait, what, request, file)
         done = await self.unless_left(work)
         if not isinstance(done, Outcome):
             return accepted(done)
         note_facts(self.http, done.filled)
-        headers = {**done.headers, **({} if tag is None else {"ETag": tag})}
+        headers = {**done.headers, **headers}
         if len(what.media_types) > 1:
             headers["Vary"] = "Accept"
         if isinstance(done.content, Path):

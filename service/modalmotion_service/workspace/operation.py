@@ -60,7 +60,7 @@ class Request:
     query : BaseModel
         As its client stated it: of the model of the operation.
     media_type : str
-        Of the answer.
+        Of the answer; by default what its client accepts.
     sequence_id : str
     key : str or None
         Of a signature's parameters.
@@ -81,7 +81,7 @@ class Request:
     """
 
     query: Any = field(default_factory=JsonBody)
-    media_type: str = JSON
+    media_type: str = ""
     sequence_id: str = ""
     key: str | None = None
     ids: tuple[str, ...] = ()
