@@ -94,6 +94,8 @@ class Analysis:
             return await work
         finally:
             work.cancel()
+            # Whoever would write it again has ended then.
+            await asyncio.wait([work])
             SpoolFile(progress).remove()
 
     async def written(self, task: Callable[..., object], *args: Any) -> Path:
