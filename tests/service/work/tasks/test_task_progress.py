@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from modalmotion.mesh.hdf5 import sequence_to_hdf5
+from modalmotion.mesh.sequence import sequence_to_hdf5
 from modalmotion.simulate import simulate_ventricle
 from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work.engine import Engine, Terms
