@@ -15,7 +15,6 @@ from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import FirstShape
 from modalmotion.tracking.map_frames import FramesEstimate
 from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.normal_equations import across_covariance
 from modalmotion.tracking.result import cavity_in, normals_of
 
 
@@ -135,20 +134,10 @@ def _at(shapes: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray
     return full
 
 
-def across_of(found: FramesEstimate, pinned: int | None) -> NDArray[np.float64]:
-    """Covariances across the surface, (frames, 3 modes, 3 modes); none where it is known."""
-    pairs = zip(found.seen, found.information, strict=True)
-    across = np.stack([across_covariance(seen, info) for seen, info in pairs])
-    if pinned is not None:
-        across[pinned] = 0.0
-    return across
-
-
 def stated_deviations(
     surface: Deformable,
     vertices: NDArray[np.float64],
     found: FramesEstimate,
-    across: NDArray[np.float64],
     noises: Sequence[Noise],
     pinned: int | None,
     shape: FirstShape | None = None,
@@ -167,14 +156,14 @@ def stated_deviations(
             continue
         T = noises[k].truncation
         of_vertices[k] = deviations_at(
-            surface.shapes, normals_of(template, x), across[k], found.lasting[k], T
+            surface.shapes, normals_of(template, x), found.across[k], found.lasting[k], T
         )
         if cavity is not None and of_volumes is not None:
             gradient = surface.shapes.T @ volume_gradient(cavity, x)
             of_lids = surface.shapes.T @ lid_gradient(cavity, x)
             area = float(face_areas(x, cavity.faces).sum())
             of_volumes[k] = volume_deviation(
-                gradient, of_lids, across[k], found.lasting[k], area, T, noises[k].n_values
+                gradient, of_lids, found.across[k], found.lasting[k], area, T, noises[k].n_values
             )
             if shape is not None:
                 # What the wall sweeps along its normals: rims along it are found in every frame.

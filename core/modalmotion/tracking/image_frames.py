@@ -251,7 +251,7 @@ def _walk(
     """Amplitudes of all frames, both ways from the reference."""
     n = images.n_frames
     amplitudes = np.zeros((n, len(surface), 3))
-    for path in paths_from(reference, n, is_closed=is_closed):
+    for path in paths_from(reference, n, is_closed=is_closed)[1:]:
         a = np.zeros((len(surface), 3))
         for k in path:
             image = images.frames[k]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,95 +87,63 @@ _LEAST_NOISE: Final = 1e-6
 _FIRST_NOISE: Final = 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class Iteration:
-    """All frames at rest, each by itself.
-
-    Parameters
-    ----------
-    frames : list of FrameEstimate or None
-        None where nothing was observed.
-    """
-
-    frames: list[FrameEstimate | None]
-
-    def amplitudes(self, n_modes: int) -> NDArray[np.float64]:
-        """Amplitudes, (frames, n_modes, 3); those of a missing frame are its neighbour's."""
-        full = np.zeros((len(self.frames), n_modes, 3))
-        for k, estimate in enumerate(self.frames):
-            if estimate is not None:
-                full[k, : len(estimate.amplitudes)] = estimate.amplitudes
-            elif k:
-                full[k] = full[k - 1]
-        return full
+Iteration: TypeAlias = list[FrameEstimate | None]
+"""All frames at rest, each by itself; None where nothing was observed."""
 
 
-def both_ways(
+def amplitudes_of(surface: Deformable, here: Iteration) -> NDArray[np.float64]:
+    """Amplitudes, (frames, modes, 3); those of a missing frame are its neighbour's."""
+    full = np.zeros((len(here), len(surface), 3))
+    for k, own in enumerate(here):
+        full[k] = full[k - 1] if own is None else own.amplitudes
+    return full
+
+
+def frames_at_rest(
     surface: Deformable,
     frames: Sequence[Frame],
-    reference: int,
     prior: Prior,
     noise: Noise,
-    *,
-    is_closed: bool,
+    paths: Sequence[Sequence[int]],
     done: Callable[[], None],
+    starts: NDArray[np.float64] | None = None,
 ) -> Iteration:
-    """Estimate frame after frame from the reference on, round a cycle in both ways until they meet.
+    """Estimate frame after frame along paths that all go on from the first one.
 
     Parameters
     ----------
     surface : Deformable
     frames : sequence of Frame
-    reference : int
     prior : Prior
     noise : Noise
-    is_closed : bool
+    paths : sequence of sequence of int
+        As of `paths_from`.
     done : callable
         Called after each frame.
+    starts : (frames, modes, 3) float64, length unit, optional
+        Where frames are; by default each is where the one before it on its path is.
     """
-    n = len(frames)
     variances = prior.variances(surface.wavenumbers)
-    estimates: list[FrameEstimate | None] = [None] * n
-
-    def walk(path: Sequence[int], a: NDArray[np.float64]) -> NDArray[np.float64]:
+    found: Iteration = [None] * len(frames)
+    first = a = np.zeros((len(surface), 3))
+    for number, path in enumerate(paths):
         for k in path:
-            if any(len(part) for part in frames[k]):
-                estimates[k] = own = map_frame(surface, frames[k], a, variances, noise)
+            if any(map(len, frames[k])):
+                start = a if starts is None else starts[k]
+                found[k] = own = map_frame(surface, frames[k], start, variances, noise)
                 a = own.amplitudes
             done()
-        return a
-
-    first = walk([reference], np.zeros((len(surface), 3)))
-    for path in paths_from(reference, n, is_closed=is_closed):
-        walk(path, first)
-    return Iteration(estimates)
+        a = first = first if number else a
+    return found
 
 
-def paths_from(first: int, n: int, *, is_closed: bool) -> tuple[list[int], list[int]]:
-    """Frames after the first and before it, each away from it; of a cycle half the way round."""
+def paths_from(first: int, n: int, *, is_closed: bool) -> tuple[list[int], ...]:
+    """List the first frame, those after it, and those before; of a cycle half the way each."""
     if not is_closed:
-        return [*range(first + 1, n)], [*range(first - 1, -1, -1)]
+        return [first], [*range(first + 1, n)], [*range(first - 1, -1, -1)]
     half = n // 2
     there = [(first + i) % n for i in range(1, half + 1)]
-    return there, [(first - i) % n for i in range(1, n - half)]
-
-
-def again(
-    surface: Deformable,
-    frames: Sequence[Frame],
-    before: NDArray[np.float64],
-    prior: Prior,
-    noise: Noise,
-    done: Callable[[], None],
-) -> Iteration:
-    """Estimate all frames again from where they are, amplitudes (frames, modes, 3)."""
-    variances = prior.variances(surface.wavenumbers)
-    estimates: list[FrameEstimate | None] = []
-    for frame, a in zip(frames, before, strict=True):
-        seen = any(len(part) for part in frame)
-        estimates.append(map_frame(surface, frame, a, variances, noise) if seen else None)
-        done()
-    return Iteration(estimates)
+    return [first], there, [(first - i) % n for i in range(1, n - half)]
 
 
 def evidence(
@@ -224,7 +192,7 @@ def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -
 
 def noises_of(surface: Deformable, here: Iteration, prior: Prior, noise: Noise) -> list[Noise]:
     """Noise of each frame, from that of all."""
-    return [noise.of_frame(energy(surface, a, prior)) for a in here.amplitudes(len(surface))]
+    return [noise.of_frame(energy(surface, a, prior)) for a in amplitudes_of(surface, here)]
 
 
 def steady(noises: Sequence[Noise], noise: Noise) -> Noise:

@@ -17,17 +17,18 @@ from modalmotion.progress import Progress
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends
 from modalmotion.tracking.deformable import Deformable, require_unfolded, require_volume
-from modalmotion.tracking.deviations import across_of, stated_deviations, uncertainty_of
+from modalmotion.tracking.deviations import stated_deviations, uncertainty_of
 from modalmotion.tracking.ends_of_data import with_endings
 from modalmotion.tracking.first_shape import FirstShape, shape_in
 from modalmotion.tracking.image_frames import ImageFrames, frames_of_images, with_images
 from modalmotion.tracking.iterations import (
     Iteration,
-    again,
-    both_ways,
+    amplitudes_of,
     evidence,
     first_guess,
+    frames_at_rest,
     noises_of,
+    paths_from,
     steady,
 )
 from modalmotion.tracking.landmarks import with_landmarks
@@ -111,6 +112,11 @@ class _Seen(NamedTuple):
     def is_closed(self) -> bool:
         """Whether the frames are one cycle."""
         return self.parameters.time == "cycle"
+
+    @property
+    def paths(self) -> tuple[list[int], ...]:
+        """Frames from the first on, round a cycle in both ways until they meet."""
+        return paths_from(self.first, len(self.stated), is_closed=self.is_closed)
 
 
 def _observed(
@@ -204,10 +210,8 @@ def _frame_by_frame(
 ) -> tuple[Iteration, tuple[Frame, ...], Mapping[str, NDArray[np.float64]]]:
     """5. Each frame at rest by itself, both ways round the cycle; where the base is assumed."""
     prior, noise = first_guess(surface)
-    here = both_ways(
-        surface, frames, seen.first, prior, noise, is_closed=seen.is_closed, done=seen.done
-    )
-    shapes = np.stack([surface.positions(a) for a in here.amplitudes(len(surface))])
+    here = frames_at_rest(surface, frames, prior, noise, seen.paths, seen.done)
+    shapes = np.stack([surface.positions(a) for a in amplitudes_of(surface, here)])
     based, levels = with_assumed_base(frames, surface.template, seen.first, shapes)
     return here, based, levels if seen.shown is None else {**levels, **seen.shown.levels}
 
@@ -226,10 +230,11 @@ def _most_likely(
 ) -> _Likely:
     """6. Prior and noise under which the frames are the most likely, and the frames once more."""
     is_exact, (before, _) = seen.pinned is not None, first_guess(surface)
-    prior, noise = evidence(surface, here.frames, before, is_exact=is_exact)
+    prior, noise = evidence(surface, here, before, is_exact=is_exact)
     alike = steady(noises_of(surface, here, prior, noise), noise)
-    here = again(surface, frames, here.amplitudes(len(surface)), prior, alike, seen.done)
-    prior, noise = evidence(surface, here.frames, prior, is_exact=is_exact)
+    starts = amplitudes_of(surface, here)
+    here = frames_at_rest(surface, frames, prior, alike, seen.paths, seen.done, starts)
+    prior, noise = evidence(surface, here, prior, is_exact=is_exact)
     return _Likely(here, prior, noise, noises_of(surface, here, prior, noise))
 
 
@@ -269,9 +274,8 @@ def _with_deviations(
 ) -> Track:
     """9. How far they may be off."""
     p, pinned, template, noise = seen.parameters, seen.pinned, surface.template, likely.noise
-    across = across_of(found, pinned)
     deviations, volume_deviations = stated_deviations(
-        surface, vertices, found, across, likely.noises, pinned, shape
+        surface, vertices, found, likely.noises, pinned, shape
     )
     truncations = np.array([own.truncation for own in likely.noises])
     if pinned is not None:
@@ -287,7 +291,7 @@ def _with_deviations(
         facts=Facts(tracking="normal_displacement", period=seen.period),
     )
     uncertainty = uncertainty_of(
-        template, surface.shapes, across, found.lasting, truncations, noise.n_values, pinned
+        template, surface.shapes, found.across, found.lasting, truncations, noise.n_values, pinned
     )
     return Track(
         sequence=replace(sequence, uncertainty=uncertainty),

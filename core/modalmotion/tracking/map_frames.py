@@ -18,9 +18,13 @@ from numpy.typing import NDArray
 
 from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.iterations import LEAST, Iteration
+from modalmotion.tracking.iterations import LEAST, Iteration, amplitudes_of
 from modalmotion.tracking.noise import Noise, Prior
-from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
+from modalmotion.tracking.normal_equations import (
+    NormalEquations,
+    across_covariance,
+    normal_equations,
+)
 from modalmotion.tracking.observation import Frame
 
 # Harmonics from which on motion is held down: that of a few frames, from which on others are tried,
@@ -181,15 +185,15 @@ def chain_of(
     all frames have it.
     """
     sds = np.sqrt(prior.variances(surface.wavenumbers))[:, None]
-    seen = [k for k, own in enumerate(here.frames) if own is not None]
-    kept = [own for own in here.frames if own is not None]
+    seen = [k for k, own in enumerate(here) if own is not None]
+    kept = [own for own in here if own is not None]
     scaled = np.stack([(own.amplitudes / sds).ravel() for own in kept])
     covariance = np.mean([np.diag(own.covariance).reshape(-1, 3) for own in kept], axis=0)
     shares = np.clip(1.0 - covariance / sds**2, 0.0, 1.0).ravel()
     offset, total = 1.0, float(shares.sum())
     if is_exact:
         # It is at rest, with data or without.
-        rest = np.zeros((len(here.frames), scaled.shape[1]))
+        rest = np.zeros((len(here), scaled.shape[1]))
         rest[seen] = scaled
         rest[reference] = 0.0
         seen = sorted({*seen, reference})
@@ -216,10 +220,20 @@ def chain_of(
 
 
 class FramesEstimate(NamedTuple):
-    """All frames estimated at once."""
+    """All frames estimated at once.
+
+    Parameters
+    ----------
+    amplitudes : (frames, modes, 3) float64, length unit
+    across : (frames, 3 modes, 3 modes) float64, length unit squared
+        Covariances across the surface; none where it is known.
+    information : list of NormalEquations
+    lasting : (frames, 3 modes, 3 modes) float64, length unit squared
+        Covariances, where frames that see the same truncation count as one.
+    """
 
     amplitudes: NDArray[np.float64]
-    seen: NDArray[np.float64]
+    across: NDArray[np.float64]
     information: list[NormalEquations]
     lasting: NDArray[np.float64]
 
@@ -237,7 +251,7 @@ def map_frames(
     n_frames, m = len(frames), len(surface)
     Q, prior = chain.Q, chain.prior
     stiffness = surface.stiffness(prior.variances(surface.wavenumbers))
-    a = here.amplitudes(m)
+    a = amplitudes_of(surface, here)
     seen, last = np.empty(0), list[NormalEquations]()
     for _ in range(2):
         last = []
@@ -259,7 +273,10 @@ def map_frames(
     slow = [normal_equations(surface, a[k], frame, longer) for k, frame in enumerate(frames)]
     matrices, vectors = _stacked(slow, stiffness, pinned)
     _, covariances = joined(matrices, vectors, stiffness, Q)
-    return FramesEstimate(a, seen, last, covariances)
+    across = np.stack([across_covariance(seen[k], info) for k, info in enumerate(last)])
+    if pinned is not None:
+        across[pinned] = 0.0
+    return FramesEstimate(a, across, last, covariances)
 
 
 def _stacked(
