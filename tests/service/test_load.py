@@ -81,7 +81,7 @@ def bodies_in_memory(
         # Everything is imported and the small things are cached before it is measured.
         small = mm.simulate_ventricle(rng=np.random.default_rng(1))
         list(threads.map(lambda _: client.signature_of(small), range(2 * N_WORKERS)))
-        idle, found = service.memory(), []
+        idle, found = service.memory(), list[float]()
         while len(found) < 3 and min(found, default=np.inf) > limit:
             with peak_of(service) as seen:
                 list(threads.map(lambda k: call(client, k), range(2 * n_at_once)))
