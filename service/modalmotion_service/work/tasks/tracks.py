@@ -37,7 +37,7 @@ def follow(
     sequence: Path,
     track: Path,
     progress: Path,
-) -> tuple[store.SequenceRecord, TrackEstimate, dict[str, float]]:
+) -> tuple[store.SequenceRecord, TrackEstimate]:
     """Track a surface through an upload or kept images, and write its sequence's and its own image.
 
     `progress` is a `ProgressFile`.
@@ -47,8 +47,6 @@ def follow(
     record : SequenceRecord
         Of the sequence; whose it is and when it came is for the server to say.
     estimate : TrackEstimate
-    milliseconds : dict
-        By stage.
     """
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
@@ -68,7 +66,7 @@ def follow(
         write_whole(sequence, store.upload_image(result.sequence))
         write_whole(track, store.track_image(result))
         estimate = TrackEstimate.of(result)
-    return record, estimate, watch.milliseconds
+    return record, estimate
 
 
 def show_track(
@@ -133,25 +131,14 @@ def _drawn(track: Track, query: TrackView, images: Path | None) -> bytes:
 _IMAGE_SHARES: Final = {"read": 0.6, "image": 0.3}
 
 
-def ingest_images(
-    upload: Upload, file: Path, progress: Path
-) -> tuple[store.ImagesRecord, dict[str, float]]:
-    """Read images and write them as HDF5.
-
-    `progress` is a `ProgressFile`.
-
-    Returns
-    -------
-    record : ImagesRecord
-    milliseconds : dict
-        By stage.
-    """
+def ingest_images(upload: Upload, file: Path, progress: Path) -> store.ImagesRecord:
+    """Read images and write them as HDF5; `progress` is a `ProgressFile`."""
     watch = Stopwatch(_IMAGE_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
         images = upload.images(as_share(report))
     with watch.stage("image"), whole_file(file) as temporary:
         write_images(temporary, images)
-    return _with_ends(store.images_record_of(images), images), watch.milliseconds
+    return _with_ends(store.images_record_of(images), images)
 
 
 def _with_ends(record: store.ImagesRecord, images: ImageSequence) -> store.ImagesRecord:
