@@ -16,8 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.mesh.standard_surfaces import lattice_faces
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, lattice_faces
 from modalmotion.mesh.triangles import curve_weights, vertex_areas
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import shown

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import connectivity_of, oriented_faces
-from modalmotion.mesh.normal_lines import vertex_normals as normals_of
+from modalmotion.mesh.geometry import vertex_normals as normals_of
 from modalmotion.numeric.scales import gram, inverse_of_cholesky, lengths
 from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.template import Template, nearest_in_use
