@@ -11,7 +11,7 @@ the space alone. That also fixes the sign of every vector.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, Final, TypeAlias
 
@@ -38,13 +38,18 @@ class SpringModes(FrozenArrays):
         Squared angular frequencies for K = M = 1, in increasing order.
     connectivity_id : str
         sha256 of the edges in hex: amplitudes compare where it is the same.
+    shapes : (vertices, modes) float64, optional
+        Mean square 1 over the vertices in use, zero at those in no triangle; no rows if they are
+        not solved for. Not part of equality.
     """
 
     eigenvalues: NDArray[np.float64]
     connectivity_id: str
+    shapes: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        self.eigenvalues.setflags(write=False)
+        for array in (self.eigenvalues, self.shapes):
+            array.setflags(write=False)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SpringModes):
@@ -105,12 +110,16 @@ class SpringModes(FrozenArrays):
                 "Spring modes of one mesh are named by their rank and come in its order only.",
                 remedy="Take the first of them, or set a topology that fits the surface.",
             )
-        return SpringModes(self.eigenvalues[: len(indices)], self.connectivity_id)
+        n = len(indices)
+        shapes = np.ascontiguousarray(self.shapes[:, :n])
+        return SpringModes(self.eigenvalues[:n], self.connectivity_id, shapes)
 
     def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
-        """Solve for the shapes on the mesh that they belong to, (vertices, modes) float64."""
+        """Shapes on their mesh, (vertices, modes) float64: their own, or solved for."""
+        if len(self.shapes):
+            return self.shapes
         springs = spring_modes(surface.faces, len(surface.vertices), len(self))
-        return springs.at(surface.representatives).shapes
+        return springs.shapes[surface.representatives]
 
     def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
         """Frequencies of springs that carry long waves at `wave_speed`, (modes,) rad per s."""
@@ -184,39 +193,7 @@ def common_count(modes: Modes) -> int:
     return n - int(usual.is_sine[n])
 
 
-@shown()
-@dataclass(frozen=True, eq=False)
-class SolvedSpringModes(SpringModes):
-    """Spring modes with their shapes.
-
-    Parameters
-    ----------
-    shapes : (vertices, modes) float64
-        Mean square 1 over the vertices in use; zero at those in no triangle.
-    """
-
-    shapes: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.shapes.setflags(write=False)
-
-    def take(self, indices: NDArray[np.int64]) -> SolvedSpringModes:
-        """First modes, with their shapes: see `SpringModes.take`."""
-        names = super().take(indices)
-        shapes = np.ascontiguousarray(self.shapes[:, : len(indices)])
-        return SolvedSpringModes(names.eigenvalues, names.connectivity_id, shapes)
-
-    def at(self, vertices: NDArray[np.int64]) -> SolvedSpringModes:
-        """Shapes at these vertices: those that stand for each, (vertices,) int64."""
-        return SolvedSpringModes(self.eigenvalues, self.connectivity_id, self.shapes[vertices])
-
-    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:  # noqa: ARG002
-        """Return the shapes, (vertices, modes) float64, which belong to one mesh."""
-        return self.shapes
-
-
-def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> SolvedSpringModes:
+def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> SpringModes:
     """Lowest spring modes of a mesh.
 
     Parameters
@@ -228,7 +205,7 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Sol
 
     Returns
     -------
-    SolvedSpringModes
+    SpringModes
         Mode 0 is constant over the whole mesh; if there are several pieces, the next ones are
         constant on each, the largest piece first, equal ones in the order of first vertices.
 
@@ -258,7 +235,7 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Sol
     shapes[used] = vectors * np.sqrt(n)
     digest = hashlib.sha256(str(n_vertices).encode())
     digest.update(np.ascontiguousarray(connectivity.edges.astype("<i8")).data)
-    return SolvedSpringModes(np.maximum(values, 0.0), digest.hexdigest(), shapes)
+    return SpringModes(np.maximum(values, 0.0), digest.hexdigest(), shapes)
 
 
 def _indicators(edges: NDArray[np.int64], n: int) -> NDArray[np.float64]:

@@ -336,7 +336,7 @@ def choose_modes(
             "These are the spring modes of this mesh; their amplitudes compare with those of "
             "meshes of the same connectivity only."
         )
-        return springs.at(template.representatives), (note,)
+        return replace(springs, shapes=springs.shapes[template.representatives]), (note,)
     n_whole = whole_count(template.surface, n_modes, grid)
     chosen = lowest_modes(template.surface, n_whole, grid)
     if n_whole == n_modes:
