@@ -27,6 +27,7 @@ from modalmotion.formats.vtk_xml import xml_tree
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.representation import Ints
 
 _NAMES: Final = {
     "vertices": ("vertices", "points", "verts", "positions", "nodes", "v", "p"),
@@ -173,7 +174,7 @@ def positions_in(array: NDArray[Any], *, is_matlab: bool) -> NDArray[Any]:
     )
 
 
-def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[Ints, tuple[str, ...]]:
     """Give triangles as rows that count vertices from 0, with a note where they counted from 1.
 
     Raises

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 
-FloatArray = NDArray[np.float32] | NDArray[np.float64]
+FloatArray = NDArray[np.float32] | Floats
 AnyArray = TypeVar("AnyArray", bound=NDArray[Any])
 
 
@@ -188,7 +188,7 @@ def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
     return rounded
 
 
-def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> NDArray[np.int64]:
+def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> Ints:
     """Check triangles: (faces, 3) integers that name existing vertices.
 
     Parameters
@@ -246,7 +246,7 @@ def _remedy_for(faces: NDArray[Any], n_vertices: int, n_frames: int) -> str:
     return "Use zero-based indices of vertices that every frame contains."
 
 
-def require_times(times: Any, n_frames: int) -> NDArray[np.float64]:
+def require_times(times: Any, n_frames: int) -> Floats:
     """Check time stamps: (frames,) finite, strictly increasing.
 
     Returns
@@ -329,13 +329,13 @@ class Uncertainty(FrozenArrays):
     """
 
     source: str
-    shapes: NDArray[np.float64]
-    across: NDArray[np.float64]
-    along: NDArray[np.float64]
-    rest: NDArray[np.float64]
-    alike: NDArray[np.float64]
+    shapes: Floats
+    across: Floats
+    along: Floats
+    rest: Floats
+    alike: Floats
     between_frames: float = 0.0
-    volumes: NDArray[np.float64] | None = None
+    volumes: Floats | None = None
     volume_correlation: float = 0.0
     papillary_volume: float = 0.0
     notes: tuple[str, ...] = ()

@@ -7,11 +7,10 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh.triangles import connectivity_of, face_normals, grouped_edges, oriented_faces
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 
 # Triangles passed without getting nearer to a line before it is given up: in noise as large as
 # the triangles these are folded around it.
@@ -40,18 +39,13 @@ class NormalLines:
         In the rows two unit vectors across the line and the one along it.
     """
 
-    faces: NDArray[np.int64]
-    vertices: NDArray[np.int64]
-    starts: NDArray[np.float64]
-    directions: NDArray[np.float64]
+    faces: Ints
+    vertices: Ints
+    starts: Floats
+    directions: Floats
 
     @staticmethod
-    def of(
-        faces: NDArray[np.int64],
-        vertices: NDArray[np.int64],
-        positions: NDArray[np.float64],
-        normals: NDArray[np.float64],
-    ) -> NormalLines:
+    def of(faces: Ints, vertices: Ints, positions: Floats, normals: Floats) -> NormalLines:
         """Lines through some vertices, (nodes,) int64, of positions and normals (vertices, 3)."""
         along = normals[vertices]
         # The axis that is farthest from the normal is across it.
@@ -62,7 +56,7 @@ class NormalLines:
         directions = np.stack([across, np.cross(along, across), along], axis=1)
         return NormalLines(faces, vertices, positions[vertices], directions)
 
-    def some(self, rows: NDArray[np.int64]) -> NormalLines:
+    def some(self, rows: Ints) -> NormalLines:
         """Return some of the lines."""
         part = NormalLines(
             self.faces, self.vertices[rows], self.starts[rows], self.directions[rows]
@@ -72,7 +66,7 @@ class NormalLines:
             part.__dict__[name] = getattr(self, name)
         return part
 
-    def heights(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def heights(self, positions: Floats) -> Floats:
         """Height above each line's start at which another shape of the surface meets it.
 
         From a triangle at the line's own vertex the way leads over the surface, each time across
@@ -149,14 +143,14 @@ class NormalLines:
         return heights.reshape(f, m)
 
     @cached_property
-    def _first(self) -> NDArray[np.int64]:
+    def _first(self) -> Ints:
         """One triangle at each vertex, (vertices,) int64; 0 at vertices in none."""
         first = np.zeros(int(self.faces.max()) + 1, dtype=np.int64)
         first[self.faces[::-1].ravel()] = np.repeat(np.arange(len(self.faces))[::-1], 3)
         return first
 
     @cached_property
-    def _neighbours(self) -> NDArray[np.int64]:
+    def _neighbours(self) -> Ints:
         """Triangle across each side, (sides,) int64; -1 on the rim."""
         start, end = self._ends
         key = np.minimum(start, end) * (self.faces.max() + 1) + np.maximum(start, end)
@@ -168,7 +162,7 @@ class NormalLines:
         return neighbours
 
     @cached_property
-    def _rim(self) -> NDArray[np.int64]:
+    def _rim(self) -> Ints:
         """Side of the rim before and after each one on it, (2, sides) int64; -1 where none is."""
         start, end = self._ends
         rim = np.flatnonzero(self._neighbours < 0)
@@ -179,12 +173,12 @@ class NormalLines:
         return table
 
     @property
-    def _ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _ends(self) -> tuple[Ints, Ints]:
         """Vertices at which each side begins and ends."""
         return self.faces[:, [1, 2, 0]].ravel(), self.faces[:, [2, 0, 1]].ravel()
 
 
-def vertex_normals(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+def vertex_normals(positions: Floats, faces: Ints) -> Floats:
     """Take the mean normal of the triangles around each vertex, by area.
 
     Returns
@@ -215,10 +209,10 @@ class Section(NamedTuple):
         Places that a triangle joins.
     """
 
-    corners: NDArray[np.int64]
-    shares: NDArray[np.float64]
-    lengths: NDArray[np.float64]
-    segments: NDArray[np.int64]
+    corners: Ints
+    shares: Floats
+    lengths: Floats
+    segments: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,17 +226,17 @@ class Edges:
         Edges of each triangle.
     """
 
-    ends: NDArray[np.int64]
-    of_faces: NDArray[np.int64]
+    ends: Ints
+    of_faces: Ints
 
     @staticmethod
-    def of(faces: NDArray[np.int64]) -> Edges:
+    def of(faces: Ints) -> Edges:
         """List the edges of triangles."""
         sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         ends, places = np.unique(sides, axis=0, return_inverse=True)
         return Edges(ends, places.reshape(-1, 3))
 
-    def cut(self, positions: NDArray[np.float64], heights: NDArray[np.float64]) -> Section:
+    def cut(self, positions: Floats, heights: Floats) -> Section:
         """Cut the mesh where the heights of its vertices change their sign.
 
         Parameters
@@ -264,7 +258,7 @@ class Edges:
         segments = number[faces[is_cut[faces]].reshape(-1, 2)]
         length = np.linalg.norm(places[segments[:, 0]] - places[segments[:, 1]], axis=1)
         halves = np.repeat(length / 2, 2).astype(np.float64)
-        lengths: NDArray[np.float64] = np.zeros(len(corners))
+        lengths: Floats = np.zeros(len(corners))
         np.add.at(lengths, segments.ravel(), halves)
         return Section(corners, shares, lengths, segments)
 
@@ -282,9 +276,9 @@ class Cavity:
         Consistently wound; outward for a positive volume.
     """
 
-    faces: NDArray[np.int64]
+    faces: Ints
 
-    def volume(self, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    def volume(self, vertices: Floats) -> Floats:
         """Volume enclosed by vertices in these positions.
 
         Parameters
@@ -312,11 +306,11 @@ class Cavity:
             centre = start.mean(axis=-2, keepdims=True)
             # An edge a -> b of a face is b -> a in the lid.
             six_fold += _triple(centre, end, start)
-        volume: NDArray[np.float64] = six_fold / 6.0
+        volume: Floats = six_fold / 6.0
         return volume
 
     @cached_property
-    def openings(self) -> tuple[NDArray[np.int64], ...]:
+    def openings(self) -> tuple[Ints, ...]:
         """Edges around each opening, each from start to end as its triangle runs along it.
 
         Edges of openings that touch in a vertex are one opening: a fan over them closes both.
@@ -331,7 +325,7 @@ class Cavity:
         return tuple(grouped_edges(np.stack([start[border], end[border]], axis=1), n))
 
 
-def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
+def cavity_of(faces: Ints, n_vertices: int) -> Cavity:
     """Check that a surface can enclose something, and wind its triangles alike.
 
     Parameters
@@ -384,11 +378,9 @@ def cavity_of(faces: NDArray[np.int64], n_vertices: int) -> Cavity:
     return Cavity(wound)
 
 
-def _triple(
-    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _triple(a: Floats, b: Floats, c: Floats) -> Floats:
     """Sum of a . (b x c)."""
-    total: NDArray[np.float64] = (
+    total: Floats = (
         a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1])
         + a[..., 1] * (b[..., 2] * c[..., 0] - b[..., 0] * c[..., 2])
         + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0])
@@ -396,7 +388,7 @@ def _triple(
     return total
 
 
-def volume_gradient(cavity: Cavity, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def volume_gradient(cavity: Cavity, x: Floats) -> Floats:
     """Differentiate the volume by each vertex, (vertices, 3) float64, length unit squared."""
     x = x - x[cavity.faces[0, 0]]
     total = np.zeros_like(x)
@@ -406,7 +398,7 @@ def volume_gradient(cavity: Cavity, x: NDArray[np.float64]) -> NDArray[np.float6
     return total + _of_lids(cavity, x)
 
 
-def lid_gradient(cavity: Cavity, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def lid_gradient(cavity: Cavity, x: Floats) -> Floats:
     """Differentiate the volume by where the lids of openings are, (vertices, 3) float64.
 
     As if the wall went along: what is swept by each lid where its rim moves.
@@ -423,7 +415,7 @@ def lid_gradient(cavity: Cavity, x: NDArray[np.float64]) -> NDArray[np.float64]:
     return total
 
 
-def _of_lids(cavity: Cavity, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _of_lids(cavity: Cavity, x: Floats) -> Floats:
     total = np.zeros_like(x)
     for edges in cavity.openings:
         start, end = x[edges[:, 0]], x[edges[:, 1]]

@@ -41,7 +41,7 @@ from modalmotion.modes.topology import (
     lattice_coordinates,
     require_shape,
 )
-from modalmotion.representation import FrozenArrays, counted, shown
+from modalmotion.representation import Floats, FrozenArrays, Ints, counted, shown
 
 MM_PER_UNIT: Final[dict[str, float]] = {
     "m": 1e3,
@@ -86,10 +86,10 @@ class MeshSequence(FrozenArrays, Recorded):
     """
 
     vertices: FloatArray
-    faces: NDArray[np.int64]
+    faces: Ints
     grid: tuple[int, ...] | None = None
     topology: Topology | None = None
-    times: NDArray[np.float64] | None = None
+    times: Floats | None = None
     unit: str | None = None
     facts: Facts = NO_FACTS
     uncertainty: Uncertainty | None = None
@@ -115,7 +115,7 @@ class MeshSequence(FrozenArrays, Recorded):
         return None if self.times is None else float(self.times[-1] - self.times[0])
 
     @property
-    def volumes(self) -> NDArray[np.float64]:
+    def volumes(self) -> Floats:
         """Volume enclosed in each frame, openings capped: (frames,) float64, length unit cubed."""
         return self.readouts().mesh_curve.volumes
 
@@ -152,7 +152,7 @@ class MeshSequence(FrozenArrays, Recorded):
         return digest.hexdigest()
 
     @cached_property
-    def representatives(self) -> NDArray[np.int64]:
+    def representatives(self) -> Ints:
         """Vertex that represents each, (vertices,) int64: see `representatives_of`.
 
         The vertex itself where it is alone, and on curves and lattices, whose order says which
@@ -433,7 +433,7 @@ def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence
         return sequence, contents
 
 
-def lattice_faces(topology: Topology, shape: tuple[int, ...]) -> NDArray[np.int64]:
+def lattice_faces(topology: Topology, shape: tuple[int, ...]) -> Ints:
     """Triangles that join the nodes of a two-axis lattice: each cell in two.
 
     Returns
@@ -506,5 +506,5 @@ def standard_surface(lattice: Lattice) -> MeshSequence:
     return mesh_sequence(x[None], faces, grid=lattice.shape, topology=topology)
 
 
-def _points(*columns: NDArray[np.float64]) -> NDArray[np.float64]:
+def _points(*columns: Floats) -> Floats:
     return np.stack(columns, axis=1)

@@ -24,7 +24,7 @@ from modalmotion.mesh.laplacian import graph_laplacian
 from modalmotion.mesh.triangles import connectivity_of
 from modalmotion.modes.mode_set import ModeSet, lowest_modes
 from modalmotion.modes.topology import ModeLabel, Surface
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
 
 
 @shown()
@@ -43,9 +43,9 @@ class SpringModes(FrozenArrays):
         not solved for. Not part of equality.
     """
 
-    eigenvalues: NDArray[np.float64]
+    eigenvalues: Floats
     connectivity_id: str
-    shapes: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
+    shapes: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         for array in (self.eigenvalues, self.shapes):
@@ -72,12 +72,12 @@ class SpringModes(FrozenArrays):
         return
 
     @cached_property
-    def wavenumbers(self) -> NDArray[np.int64]:
+    def wavenumbers(self) -> Ints:
         """Place of each mode in the order, (modes, 1) int64."""
         return np.arange(len(self))[:, None]
 
     @cached_property
-    def is_sine(self) -> NDArray[np.bool_]:
+    def is_sine(self) -> Bools:
         """False for every mode: spring modes have no pairs."""
         return np.zeros(len(self), dtype=np.bool_)
 
@@ -97,7 +97,7 @@ class SpringModes(FrozenArrays):
         """These modes without their shapes."""
         return SpringModes(self.eigenvalues, self.connectivity_id)
 
-    def take(self, indices: NDArray[np.int64]) -> SpringModes:
+    def take(self, indices: Ints) -> SpringModes:
         """First modes.
 
         Raises
@@ -114,14 +114,14 @@ class SpringModes(FrozenArrays):
         shapes = np.ascontiguousarray(self.shapes[:, :n])
         return SpringModes(self.eigenvalues[:n], self.connectivity_id, shapes)
 
-    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
+    def shapes_on(self, surface: Surface) -> Floats:
         """Shapes on their mesh, (vertices, modes) float64: their own, or solved for."""
         if len(self.shapes):
             return self.shapes
         springs = spring_modes(surface.faces, len(surface.vertices), len(self))
         return springs.shapes[surface.representatives]
 
-    def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
+    def frequencies_on(self, surface: Surface, wave_speed: float) -> Floats:
         """Frequencies of springs that carry long waves at `wave_speed`, (modes,) rad per s."""
         mesh = connectivity_of(surface.faces, len(surface.vertices))
         steps = surface.vertices[mesh.edges[:, 0]] - surface.vertices[mesh.edges[:, 1]]
@@ -133,13 +133,13 @@ class SpringModes(FrozenArrays):
         # Springs of length a, z to a vertex, carry long waves at c^2 = (K/M) z a^2 / 4.
         # Neither length is squared: their ratio is usual in every unit.
         factor = 2 * (wave_speed / edge_length) / float(np.sqrt(valence))
-        frequencies: NDArray[np.float64] = factor * np.sqrt(np.maximum(self.eigenvalues, 0.0))
+        frequencies: Floats = factor * np.sqrt(np.maximum(self.eigenvalues, 0.0))
         return frequencies
 
     def length_of(
         self,
         lengths: tuple[float, ...],  # noqa: ARG002 (a mesh without coordinates has none)
-        angular_frequencies: NDArray[np.float64],
+        angular_frequencies: Floats,
         wave_speed: float,
     ) -> float:
         """RMS edge times a constant of the mesh; 1 if the highest frequency is zero."""
@@ -154,7 +154,7 @@ Modes: TypeAlias = ModeSet | SpringModes
 """Modes in an order, by name: equal, with equal hashes, where their names are."""
 
 
-def wave_pairs(modes: Modes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def wave_pairs(modes: Modes) -> tuple[Ints, Ints]:
     """Find the cosine and the sine of each wave vector.
 
     Returns
@@ -169,7 +169,7 @@ def wave_pairs(modes: Modes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return cosines, np.array(sines, dtype=np.int64)
 
 
-def whole_counts(modes: Modes) -> NDArray[np.int64]:
+def whole_counts(modes: Modes) -> Ints:
     """Numbers of first modes that split no cosine-sine pair, increasing, the last one included."""
     return np.append(np.flatnonzero(~modes.is_sine[1:]) + 1, len(modes))
 
@@ -193,7 +193,7 @@ def common_count(modes: Modes) -> int:
     return n - int(usual.is_sine[n])
 
 
-def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> SpringModes:
+def spring_modes(faces: Ints, n_vertices: int, n_modes: int) -> SpringModes:
     """Lowest spring modes of a mesh.
 
     Parameters
@@ -238,7 +238,7 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Spr
     return SpringModes(np.maximum(values, 0.0), digest.hexdigest(), shapes)
 
 
-def _indicators(edges: NDArray[np.int64], n: int) -> NDArray[np.float64]:
+def _indicators(edges: Ints, n: int) -> Floats:
     """One on everything, then one on each piece, the largest first."""
     graph = scipy.sparse.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
     _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
@@ -277,8 +277,8 @@ _FAINT: Final = 1e-3
 
 
 def lowest_eigenpairs(
-    matrix: scipy.sparse.csc_array, n_pairs: int, first_probes: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    matrix: scipy.sparse.csc_array, n_pairs: int, first_probes: Floats
+) -> tuple[Floats, Floats]:
     """Lowest eigenvalues and eigenvectors of a positive semidefinite matrix.
 
     Parameters
@@ -326,9 +326,7 @@ def lowest_eigenpairs(
     return values[:n_pairs], np.concatenate(basis, axis=1)[:, :n_pairs]
 
 
-def _solve(
-    matrix: scipy.sparse.csc_array, count: int, scale: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _solve(matrix: scipy.sparse.csc_array, count: int, scale: float) -> tuple[Floats, Floats]:
     n = matrix.shape[0]
     if n <= _DENSE or count > n // 3:
         values, vectors = scipy.linalg.eigh(matrix.toarray())
@@ -386,19 +384,17 @@ def _n_below(matrix: scipy.sparse.csc_array, value: float) -> int:
     return int((factors.U.diagonal() < 0).sum())
 
 
-def _groups(values: NDArray[np.float64], scale: float) -> list[slice]:
+def _groups(values: Floats, scale: float) -> list[slice]:
     """Find runs of eigenvalues that coincide."""
     gaps = np.diff(values) > _SAME * np.abs(values[1:]) + _ZERO * scale
     starts = [0, *(np.flatnonzero(gaps) + 1).tolist()]
     return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(values)], strict=True)]
 
 
-def _canonical(
-    space: NDArray[np.float64], first_probes: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _canonical(space: Floats, first_probes: Floats) -> Floats:
     """Give a space the basis that the probes span in it, one after the other."""
     n, k = space.shape
-    vectors: list[NDArray[np.float64]] = []
+    vectors: list[Floats] = []
     expected = np.sqrt(k / n)
     for index in range(first_probes.shape[1] + 50 * k):
         if index < first_probes.shape[1]:
@@ -415,14 +411,14 @@ def _canonical(
             vectors.append(inside / length)
             if len(vectors) == k:
                 break
-    basis: NDArray[np.float64] = space @ np.stack(vectors, axis=1)
+    basis: Floats = space @ np.stack(vectors, axis=1)
     return basis
 
 
-def _irregular(n: int, index: int) -> NDArray[np.float64]:
+def _irregular(n: int, index: int) -> Floats:
     """Return a fixed vector without pattern: fractional parts of multiples of a square root."""
     step = np.sqrt(_prime(index + 1))
-    vector: NDArray[np.float64] = np.modf(np.arange(1, n + 1) ** 2 * (step % 1.0))[0] - 0.5
+    vector: Floats = np.modf(np.arange(1, n + 1) ** 2 * (step % 1.0))[0] - 0.5
     return vector
 
 

@@ -12,7 +12,7 @@ from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS, Strain
 from modalmotion.pictures.view import lighten, new_figure
-from modalmotion.representation import numeral
+from modalmotion.representation import Floats, numeral
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,9 +65,7 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
     return figure
 
 
-def draw_volume(
-    axes: Axes, readouts: ClinicalReadouts, v: NDArray[np.float64], reach: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def draw_volume(axes: Axes, readouts: ClinicalReadouts, v: Floats, reach: Floats) -> Floats:
     """Draw volumes with a band of their reach, by time in s or by frame, which is returned."""
     times = readouts.times
     at = np.arange(len(v), dtype=np.float64) if times is None else times
@@ -107,7 +105,7 @@ def strain_figure(strain: Strain) -> Figure:
     return figure
 
 
-def draw_strain(axes: Axes, strain: Strain, times: NDArray[np.float64] | None) -> None:
+def draw_strain(axes: Axes, strain: Strain, times: Floats | None) -> None:
     """Draw the curves of strain by frame, or by time in s."""
     at = np.arange(len(strain.curves)) if times is None else times
     for name, (colour, style) in zip(DEFINITIONS, _CURVES, strict=True):

@@ -11,12 +11,10 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.mesh import Cavity, face_areas, face_normals
 from modalmotion.mesh.sequence import MeshSequence
-
-Floats = NDArray[np.float64]
+from modalmotion.representation import Floats
 
 # mm: of the lattice, and of what is shown around the ventricle.
 _STEP: Final = 2.5

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import shown
-from modalmotion.simulate.anatomy import Anatomy, FieldLattice, Floats, Tissues
+from modalmotion.representation import Floats, shown
+from modalmotion.simulate.anatomy import Anatomy, FieldLattice, Tissues
 from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.surface import Pose
 from modalmotion.simulate.ventricle import Acquisition, simulate_ventricle
@@ -89,8 +89,8 @@ class Phantom:
     kind: ImageKind
     images: ImageSequence
     truth: MeshSequence
-    landmarks: dict[str, NDArray[np.float64]]
-    shifts: NDArray[np.float64]
+    landmarks: dict[str, Floats]
+    shifts: Floats
     papillary_volume: float
 
 
@@ -347,9 +347,7 @@ def _cine_planes(rows: Floats, spacing: Floats) -> list[_Grid]:
     return grids
 
 
-def _shifts(
-    geometry: list[_Grid], n_slices: int, sd: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _shifts(geometry: list[_Grid], n_slices: int, sd: float, rng: np.random.Generator) -> Floats:
     """Draw a shift of each slice in its plane, (slices, 3), mm."""
     shifts = np.zeros((n_slices, 3))
     if sd == 0:

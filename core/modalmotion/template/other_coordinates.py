@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.triangles import curve_weights, step_lengths
 from modalmotion.modes.topology import CLOSED_CURVE, PLANE, TORUS, Topology
 from modalmotion.progress import ShareReport, part_of, silent
+from modalmotion.representation import Floats, Ints
 from modalmotion.template.axis import (
     Axes,
     any_across,
@@ -29,7 +29,7 @@ from modalmotion.template.landmarks import Coordinates, Landmarks
 from modalmotion.template.surface import Surface
 
 
-def plane_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+def plane_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
     """Find the normal, and the longest axis of inertia or the side between stated corners."""
     variances, directions = principal_axes(surface)
     long = directions[0]
@@ -48,10 +48,7 @@ def plane_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes
 
 
 def plane_coordinates(
-    surface: Surface,
-    places: dict[str, NDArray[np.float64]],
-    axes: Axes,
-    report: ShareReport = silent,
+    surface: Surface, places: dict[str, Floats], axes: Axes, report: ShareReport = silent
 ) -> Coordinates:
     """Place along the longer and the shorter axis of inertia, or between four stated corners.
 
@@ -92,7 +89,7 @@ def plane_coordinates(
     return Coordinates(PLANE, values, landmarks, tuple(notes))
 
 
-def _rim_positions(surface: Surface, corners: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+def _rim_positions(surface: Surface, corners: Floats) -> list[Ints]:
     """Rim vertices on each of the four sides, both corners included."""
     rim = _in_order(surface.connectivity.loops[0])
     places = surface.vertices[rim]
@@ -115,9 +112,7 @@ def _rim_positions(surface: Surface, corners: NDArray[np.float64]) -> list[NDArr
     return [np.take(rim, np.arange(ends[i], ends[i + 1] + 1), mode="wrap") for i in range(4)]
 
 
-def _between_corners(
-    surface: Surface, sides: list[NDArray[np.int64]], report: ShareReport
-) -> NDArray[np.float64] | None:
+def _between_corners(surface: Surface, sides: list[Ints], report: ShareReport) -> Floats | None:
     # Sides in order: t = 0, s = 1, t = 1, s = 0. Each coordinate is harmonic between two.
     columns = []
     for k, (low, high) in enumerate(((sides[3], sides[1]), (sides[0], sides[2]))):
@@ -131,7 +126,7 @@ def _between_corners(
     return np.clip(np.stack(columns, axis=1), 0.0, 1.0)
 
 
-def _in_order(loop: NDArray[np.int64]) -> NDArray[np.int64]:
+def _in_order(loop: Ints) -> Ints:
     """Vertices of a closed loop of edges, one after the other."""
     neighbours: dict[int, list[int]] = {}
     for a, b in loop.tolist():
@@ -149,7 +144,7 @@ def _in_order(loop: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.array(order)
 
 
-def torus_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+def torus_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
     """Find the shortest axis of inertia, towards the stated base, and the widest across it.
 
     Raises
@@ -171,10 +166,7 @@ def torus_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes
 
 
 def torus_coordinates(
-    surface: Surface,
-    places: dict[str, NDArray[np.float64]],
-    axes: Axes,
-    _: ShareReport = silent,
+    surface: Surface, places: dict[str, Floats], axes: Axes, _: ShareReport = silent
 ) -> Coordinates | None:
     """Angle around the tube and angle around the hole.
 
@@ -215,7 +207,7 @@ OTHERS: Final = {PLANE: (plane_axes, plane_coordinates), TORUS: (torus_axes, tor
 
 
 def curve_coordinates(
-    vertices: NDArray[np.float64], topology: Topology, places: dict[str, NDArray[np.float64]]
+    vertices: Floats, topology: Topology, places: dict[str, Floats]
 ) -> Coordinates:
     """Arc length of the reference from the first vertex on, as a share of the whole.
 
@@ -257,9 +249,7 @@ def curve_coordinates(
     return Coordinates(topology, values[:, None], landmarks, tuple(notes))
 
 
-def _nearest(
-    vertices: NDArray[np.float64], steps: NDArray[np.float64], place: NDArray[np.float64]
-) -> float:
+def _nearest(vertices: Floats, steps: Floats, place: Floats) -> float:
     """Length along a closed curve at which it comes nearest to a place."""
     sides = np.roll(vertices, -1, axis=0) - vertices
     reach = np.einsum("ij,ij->i", place - vertices, sides) / np.where(steps > 0, steps**2, 1.0)
@@ -270,10 +260,7 @@ def _nearest(
 
 
 def _closed(
-    vertices: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    length: float,
-    places: dict[str, NDArray[np.float64]],
+    vertices: Floats, centre: Floats, length: float, places: dict[str, Floats]
 ) -> Landmarks:
     # The axis is the area vector: half the integral of x times dx.
     offsets = vertices - centre
@@ -308,12 +295,7 @@ def _closed(
     )
 
 
-def _open(
-    vertices: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    length: float,
-    places: dict[str, NDArray[np.float64]],
-) -> Landmarks:
+def _open(vertices: Floats, centre: Floats, length: float, places: dict[str, Floats]) -> Landmarks:
     # The axis is the chord; theta_zero points to the side on which the curve bulges.
     chord = vertices[-1] - vertices[0]
     reach = float(np.linalg.norm(chord))
