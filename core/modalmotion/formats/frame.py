@@ -202,7 +202,6 @@ class MergeMap:
                 f"the frames as they are: {TRACK}.",
                 frame=frame,
                 vertex=vertex,
-                details={"corner": corner, "count": int(apart.size)},
             )
         return positions
 

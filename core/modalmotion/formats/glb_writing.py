@@ -88,7 +88,6 @@ class MorphAnimation:
                     f"{name!r} has the shape {array.shape}, not {shape}: there are {n_frames} "
                     f"frames of {n_targets} weights.",
                     remedy="Give every frame its weights, rotation, translation and time.",
-                    details={"array": name, "shape": list(array.shape)},
                 )
 
     def positions(self) -> Floats:

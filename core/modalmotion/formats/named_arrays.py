@@ -247,7 +247,6 @@ def read_raw(
             f"{len(data)} bytes are not a whole number of frames of {n_vertices} vertices as "
             f"{dtype} ({frame_bytes} bytes each).",
             remedy="Check the number of vertices and the type; the file may be cut short.",
-            details={"bytes": len(data), "frame_bytes": frame_bytes},
         )
     limits.require("frames", n_frames)
     limits.require("vertices", n_vertices)

@@ -54,7 +54,6 @@ def line_blocks(data: bytes | memoryview) -> Iterator[list[bytes]]:
                 raise MalformedFileError(
                     f"Line {number} is {len(line)} bytes long.",
                     remedy="Write one vertex or one face a line.",
-                    details={"line": number},
                 )
         n_lines += len(lines)
         yield lines

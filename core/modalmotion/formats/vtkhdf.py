@@ -353,7 +353,6 @@ def _require_field(name: str, values: NDArray[Any], sequence: MeshSequence) -> N
             f"The field {name!r} has the shape {values.shape} of {values.dtype}; the sequence "
             f"has {expected[0]} frames of {expected[1]} vertices.",
             remedy="Give one number, or a few, for each vertex of each frame.",
-            details={"field": name, "shape": list(values.shape)},
         )
 
 

@@ -359,21 +359,18 @@ def cavity_of(faces: Ints, n_vertices: int) -> Cavity:
             f"(one of them at vertex {vertex}): such a surface has no inside.",
             remedy="Send the wall of the cavity alone, without inner sheets.",
             vertex=vertex,
-            details=connectivity.details(),
         )
     if connectivity.n_components > 1:
         raise TopologyError(
             f"The triangles are {connectivity.n_components} separate pieces: which of them bound "
             "the cavity, and whether one is inside another, is unknown.",
             remedy="Send the surface of one cavity at a time.",
-            details=connectivity.details(),
         )
     wound = oriented_faces(proper, n_vertices)
     if wound is None:
         raise TopologyError(
             "The surface has one side only, so it has no inside.",
             remedy="Send a surface with two sides.",
-            details=connectivity.details(),
         )
     return Cavity(wound)
 

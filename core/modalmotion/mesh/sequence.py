@@ -304,7 +304,6 @@ def _require_grid(grid: tuple[int, ...] | None, topology: Topology | None, n_ver
         raise ShapeError(
             f"A grid of {' x '.join(map(str, grid))} nodes does not fit {n_vertices} vertices.",
             remedy="The product of the grid must be the number of vertices.",
-            details={"grid": list(grid), "n_vertices": n_vertices},
         )
     if topology is not None:
         require_shape(topology, grid)

@@ -307,7 +307,6 @@ def lowest_eigenpairs(
         raise ModeCountError(
             f"{n_pairs} modes were requested; there are {n}.",
             remedy=f"Ask for 1 to {n} modes.",
-            details={"modes": n_pairs, "most": n},
         )
     scale = float(np.abs(matrix).sum(axis=0).max())
     count = n_pairs
@@ -358,7 +357,6 @@ def _solve(matrix: scipy.sparse.csc_array, count: int, scale: float) -> tuple[Fl
             f"The lowest {count} spring modes of {n} vertices could not all be solved for: too "
             "many frequencies coincide.",
             remedy="Ask for fewer modes, or state a topology.",
-            details={"modes": count},
         )
     values, vectors = scipy.linalg.eigh(matrix.toarray())
     return values[:count], vectors[:, :count]

@@ -82,17 +82,6 @@ class Connectivity:
             parts.append(f"{len(self.pinched)} vertices in which boundaries touch")
         return ", ".join(parts)
 
-    def details(self) -> dict[str, object]:
-        """Return the counts, ready for JSON."""
-        return {
-            "components": self.n_components,
-            "boundary_loops": len(self.loops),
-            "euler_characteristic": self.euler_characteristic,
-            "non_manifold_edges": len(self.non_manifold_edges),
-            "pinched_vertices": len(self.pinched),
-            "isolated_vertices": len(self.isolated),
-        }
-
 
 def connectivity_of(faces: Ints, n_vertices: int) -> Connectivity:
     """Find edges, loops, pieces and handles.

@@ -132,23 +132,21 @@ _RADII: Final = (1.0, 0.745, 0.49, 0.235, 0.0)
 _LETTERS: Final = 62
 
 
-def bulls_eye_figure(regions: RegionalMotion, frame: int | None = None) -> Figure:
+def bulls_eye_figure(regions: RegionalMotion) -> Figure:
     """Draw the inward motion of each segment, or of each ring if segments are unknown.
 
-    Anterior is at the top, septal on the left, as in the standard.
+    The frame is the one in which the wall has moved most. Anterior is at the top, septal on the
+    left, as in the standard.
 
     Parameters
     ----------
     regions : RegionalMotion
-    frame : int, optional
-        By default the one in which the wall has moved most.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    if frame is None:
-        frame = most_moved(regions)
+    frame = most_moved(regions)
     figure = new_figure(5.4, 5.6)
     axes: Any = figure.add_subplot()
     scale = draw_bulls_eye(axes, regions, frame)

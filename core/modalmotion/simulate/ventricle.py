@@ -433,10 +433,5 @@ def _solve(p: VentricleParameters, cavity: Cavity, relaxed: Moment, moment: Mome
             f"An ejection fraction of {p.ejection_fraction} cannot be reached with a "
             f"longitudinal shortening of {p.longitudinal_shortening}.",
             remedy="Bring the two nearer to each other, or make the akinetic region smaller.",
-            details={
-                "parameter": "ejection_fraction",
-                "least": p.ejection_fraction - low,
-                "most": p.ejection_fraction - high,
-            },
         )
     return float(scipy.optimize.brentq(excess, _LEAST_RADIAL, _MOST_RADIAL, xtol=1e-14))

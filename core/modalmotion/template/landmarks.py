@@ -198,7 +198,6 @@ def require_used(landmarks: GivenLandmarks, topology: Topology | None, *, is_lat
                 f"The landmark '{name}' means nothing on a {surface}.",
                 remedy=(f"Give {', '.join(used)}." if used else "Leave the landmarks out.")
                 + " Where the sequence's facts state it, take it out of them.",
-                details={"landmark": name},
             )
 
 

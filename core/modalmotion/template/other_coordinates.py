@@ -243,7 +243,21 @@ def curve_coordinates(
             values = np.append(reached, total)[: len(vertices)] / total
     weights = curve_weights(vertices, topology)
     centre = (weights @ vertices) / (weights.sum() or 1.0)
-    landmarks = (_closed if closed else _open)(vertices, centre, total_or_one, places)
+    axis, strength, zero, zero_strength = (
+        _closed(vertices, centre, total_or_one, places.get("theta_zero"))
+        if closed
+        else _open(vertices, centre, total_or_one)
+    )
+    landmarks = Landmarks(
+        origin=centre,
+        axis=axis,
+        theta_zero=zero,
+        apex=centre if closed else vertices[0],
+        base=centre if closed else vertices[-1],
+        strengths={"axis": strength, "theta_zero": zero_strength},
+        n_loops=0,
+        given=tuple(places),
+    )
     if closed and "theta_zero" in places:
         values = values - _nearest(vertices, steps, places["theta_zero"]) / total_or_one
     return Coordinates(topology, values[:, None], landmarks, tuple(notes))
@@ -259,43 +273,30 @@ def _nearest(vertices: Floats, steps: Floats, place: Floats) -> float:
     return float(steps[:k].sum() + share[k] * steps[k])
 
 
-def _closed(
-    vertices: Floats, centre: Floats, length: float, places: dict[str, Floats]
-) -> Landmarks:
+_Axes = tuple[Floats, float, Floats, float]
+"""The axis and theta_zero of a curve, each with its strength."""
+
+
+def _closed(vertices: Floats, centre: Floats, length: float, stated: Floats | None) -> _Axes:
     # The axis is the area vector: half the integral of x times dx.
     offsets = vertices - centre
     area = 0.5 * np.cross(offsets, np.roll(offsets, -1, axis=0)).sum(axis=0)
     size = float(np.linalg.norm(area))
     # Of all curves of one length the circle has the largest area, L^2 / 4 pi.
     strength = min(1.0, size * 4 * np.pi / length**2)
-    start = places.get("theta_zero", vertices[0])
-    if strength > 1e-9:
-        axis = area / size
-        across = start - centre - ((start - centre) @ axis) * axis
-        reach = float(np.linalg.norm(across))
-        named = "theta_zero" in places
-        zero = (
-            towards(start, centre, axis, length)
-            if named or reach > 1e-6 * length
-            else any_across(axis)
-        )
-    else:
-        axis, strength = np.array([0.0, 0.0, 1.0]), 0.0
-        zero = any_across(axis)
-    return Landmarks(
-        origin=centre,
-        axis=axis,
-        theta_zero=zero,
-        apex=centre,
-        base=centre,
-        # The sender decides which vertex is first.
-        strengths={"axis": strength, "theta_zero": 1.0 if strength > 0 else 0.0},
-        n_loops=0,
-        given=tuple(places),
-    )
+    if not strength > 1e-9:
+        axis = np.array([0.0, 0.0, 1.0])
+        return axis, 0.0, any_across(axis), 0.0
+    axis = area / size
+    # The sender decides which vertex is first.
+    start = vertices[0] if stated is None else stated
+    across = start - centre - ((start - centre) @ axis) * axis
+    if stated is None and not float(np.linalg.norm(across)) > 1e-6 * length:
+        return axis, strength, any_across(axis), 1.0
+    return axis, strength, towards(start, centre, axis, length), 1.0
 
 
-def _open(vertices: Floats, centre: Floats, length: float, places: dict[str, Floats]) -> Landmarks:
+def _open(vertices: Floats, centre: Floats, length: float) -> _Axes:
     # The axis is the chord; theta_zero points to the side on which the curve bulges.
     chord = vertices[-1] - vertices[0]
     reach = float(np.linalg.norm(chord))
@@ -304,22 +305,10 @@ def _open(vertices: Floats, centre: Floats, length: float, places: dict[str, Flo
         axis = chord / reach
     else:
         offsets = vertices - centre
-        axis = np.linalg.eigh((offsets * np.ones(len(vertices))[:, None]).T @ offsets)[1][:, 2]
-        strength = 0.0
+        axis, strength = np.linalg.eigh(offsets.T @ offsets)[1][:, 2], 0.0
     bulge = centre - (vertices[0] + vertices[-1]) / 2
     bulge = bulge - (bulge @ axis) * axis
     height = float(np.linalg.norm(bulge))
-    is_straight = not height > 1e-9 * length
-    return Landmarks(
-        origin=centre,
-        axis=axis,
-        theta_zero=any_across(axis) if is_straight else bulge / height,
-        apex=vertices[0],
-        base=vertices[-1],
-        strengths={
-            "axis": strength,
-            "theta_zero": 0.0 if is_straight else min(1.0, height / length * 4),
-        },
-        n_loops=0,
-        given=tuple(places),
-    )
+    if not height > 1e-9 * length:
+        return axis, strength, any_across(axis), 0.0
+    return axis, strength, bulge / height, min(1.0, height / length * 4)

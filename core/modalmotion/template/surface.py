@@ -367,7 +367,6 @@ def require_fit(surface: Surface, stated: Topology) -> None:
         raise TopologyError(
             f"A {stated} was stated, but nothing joins the {len(surface.vertices)} vertices.",
             remedy="Send triangles, or the shape of the lattice that the vertices form (grid).",
-            details={"stated": stated.name},
         )
     connectivity = surface.connectivity
     n = len(surface.openings)
@@ -386,7 +385,6 @@ def require_fit(surface: Surface, stated: Topology) -> None:
         remedy=f"State {names}, or leave the topology out."
         if possible
         else "Leave the topology out: the mesh then gets the spring modes of its own connectivity.",
-        details={"stated": stated.name, **connectivity.details()},
     )
 
 

@@ -197,7 +197,6 @@ def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
             f"The template has {template.n_vertices} vertices, the sequence {sequence.n_vertices}.",
             remedy="Use a template whose vertices correspond one to one, or none: each sequence "
             "then gets its own.",
-            details={"template": template.n_vertices, "sequence": sequence.n_vertices},
         )
     faces = template.representatives[sequence.faces]
     if len(faces) and not np.array_equal(faces, template.faces):

@@ -91,7 +91,6 @@ def surface_modes(template: Template, n_modes: int, wave_speed: float = 1.0) -> 
         raise ModeCountError(
             f"{n_modes} modes were requested on {template.n_vertices} vertices.",
             remedy=f"Ask for at most {most} modes.",
-            details={"modes": n_modes, "most": most},
         )
     return _of_template(template, modes, wave_speed, notes)
 
@@ -167,5 +166,4 @@ def _require_shown(template: Template, modes: ModeSet) -> None:
             f"The waves of {label} are shorter than two steps of this mesh, which cannot show "
             "them.",
             remedy="Use smaller wavenumbers, or a finer mesh.",
-            details={"label": str(label)},
         )
