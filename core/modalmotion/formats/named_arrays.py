@@ -137,9 +137,6 @@ def _parsed(
         arrays["times"] = np.ravel(own["times"]).astype(np.float64)
     info = {
         "format": kind,
-        "unit": None,
-        "topology": None,
-        "grid": None,
         "ignored": [name for name in names if name not in aliases.values()],
         "notes": [*note_on(aliases), *notes],
     }

@@ -79,14 +79,14 @@ class Spheroid:
             x = share * np.sin(self.truncation / 2) ** 2
             nu: Floats = 2.0 * np.arcsin(np.sqrt(x))
             return nu
-        return _interpolate(share, self._arc / self._arc[-1], self._angles)
+        return np.asarray(np.interp(share, self._arc / self._arc[-1], self._angles))
 
     def polar_angle_of_area(self, share: Floats) -> Floats:
         """Polar angle below which a share of the area is."""
         # The area grows as nu^2 at the apex; its root interpolates well there.
         ring = self.radius_at(self._angles) * self.speed_at(self._angles)
         area = _running_integral(ring, self._angles)
-        return _interpolate(np.sqrt(share), np.sqrt(area / area[-1]), self._angles)
+        return np.asarray(np.interp(np.sqrt(share), np.sqrt(area / area[-1]), self._angles))
 
     def isothermal_radius(self, nu: Floats) -> Floats:
         """Radius of the conformal map of the surface to the unit disc, 1 at the base."""
@@ -125,11 +125,6 @@ def directions(nu: Floats, theta: Floats) -> Floats:
 def _running_integral(values: Floats, at: Floats) -> Floats:
     steps = (values[1:] + values[:-1]) / 2 * np.diff(at)
     return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _interpolate(x: Floats, xs: Floats, ys: Floats) -> Floats:
-    y: Floats = np.interp(x, xs, ys)
-    return y
 
 
 _FEWEST_VERTICES: Final = 50
