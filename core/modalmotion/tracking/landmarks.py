@@ -269,6 +269,24 @@ def _malformed(reason: str) -> MalformedFileError:
     return MalformedFileError(f"It is not a file of landmarks ({reason}).", remedy=_FILE_REMEDY)
 
 
+def as_places(name: str, value: Any) -> NDArray[np.float64]:
+    """Take the place of a landmark, or its places, as an array of any shape.
+
+    Raises
+    ------
+    ParameterError
+        If they are not numbers.
+    """
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ParameterError(
+            f"The landmark '{name}' is {repr(value)[:80]}, not numbers.",
+            remedy="Give one place (x, y, z), or one for each frame with NaN if it is unknown.",
+            details={"landmark": name},
+        ) from None
+
+
 def with_landmarks(
     frames: tuple[Frame, ...],
     landmarks: Mapping[str, Any] | None,
@@ -286,7 +304,7 @@ def with_landmarks(
     for name, value in (landmarks or {}).items():
         proposed = value if isinstance(value, Proposed) else None
         own_sd = sd if proposed is None else proposed.sd
-        places = np.asarray(value if proposed is None else proposed.places, dtype=np.float64)
+        places = as_places(name, value if proposed is None else proposed.places)
         if name not in NAMED_PLACES:
             raise ParameterError(
                 f"The landmark '{name}' has no meaning.",

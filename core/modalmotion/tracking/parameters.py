@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from modalmotion.representation import shown
 from modalmotion.tracking.hdf5 import kept_track
 from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
 from modalmotion.tracking.label_values import is_label_map
-from modalmotion.tracking.landmarks import Proposed, landmarks_of
+from modalmotion.tracking.landmarks import Proposed, as_places, landmarks_of
 from modalmotion.tracking.making import Start, Time
 from modalmotion.tracking.making import track as track_frames
 from modalmotion.tracking.reading import (
@@ -257,18 +258,16 @@ def track(
     if isinstance(observed, Path):
         contours = options.get("contours", USUAL_CONTOURS)
         observed = read_observed(observed, contours=contours)
-    try:
-        if isinstance(observed, Recorded):
-            parameters = TrackParameters(**options)
-            return parameters.follow(observed, start=start, progress=progress)
-        return track_frames(observed, start=start, progress=progress, **options)
-    except TypeError as error:
-        if "unexpected keyword" not in str(error):
-            raise
+    taken = inspect.signature(TrackParameters if isinstance(observed, Recorded) else track_frames)
+    if unknown := [name for name in options if name not in taken.parameters]:
         names = ", ".join(one.name for one in fields(TrackParameters))
         raise ParameterError(
-            f"track() cannot be called so: {error}.", remedy=f"Its options are {names}."
-        ) from None
+            f"track() has no option {unknown[0]!r}.", remedy=f"Its options are {names}."
+        )
+    if isinstance(observed, Recorded):
+        parameters = TrackParameters(**options)
+        return parameters.follow(observed, start=start, progress=progress)
+    return track_frames(observed, start=start, progress=progress, **options)
 
 
 def segment(
@@ -318,7 +317,7 @@ def segment(
             frame=frame,
         )
     one = ImageSequence((sequence.frames[frame],), notes=sequence.notes)
-    places = {name: np.asarray(value, np.float64) for name, value in (landmarks or {}).items()}
+    places = {name: as_places(name, value) for name, value in (landmarks or {}).items()}
     each = (sequence.n_frames, 3)
     marks = {name: own[frame] if own.shape == each else own for name, own in places.items()}
     parameters = TrackParameters(
