@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ParameterError, ShapeError
-from modalmotion.mesh import Facts
+from modalmotion.mesh import UNKNOWN, Facts
 from modalmotion.mesh.fact_forms import read_object
 from modalmotion.mesh.facts import WORDS
 from modalmotion.representation import counted, shown
@@ -176,7 +176,7 @@ class LandmarkFile:
                 f"The landmarks are in {self.unit}, the points in {unit}.",
                 remedy="State both in one unit.",
             )
-        if self.coordinates in (None, coordinates or LPS):
+        if self.coordinates in (None, LPS if coordinates in (None, UNKNOWN) else coordinates):
             return self.places
         return {name: places * _TURNED for name, places in self.places.items()}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -219,7 +220,7 @@ async def keep_or_delete_images(state: State, request: Request, link: str) -> No
 async def track(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface through an upload or stored images, and store what is found."""
     query, analysis, store = request.query, state.analysis, state.store
-    parameters = query.parameters(request.facts)
+    parameters, facts = query.parameters(request.facts), replace(request.facts, landmarks={})
     surface = await start_path(state, query.start)
     source: Upload | Path
     if query.images is not None:
@@ -228,7 +229,7 @@ async def track(state: State, request: Request, report: Report) -> Outcome:
         source = Upload.at(state.spool.at(request.file), state.settings.read_limits)
     with analysis.image() as sequence, analysis.image() as image:
         found, estimate = await analysis.followed(
-            *(report, tracks.follow, source, parameters, surface, sequence, image)
+            *(report, tracks.follow, source, parameters, facts, surface, sequence, image)
         )
         subject, label = query.subject, query.label
         record, is_new = await analysis.stored(
@@ -236,7 +237,7 @@ async def track(state: State, request: Request, report: Report) -> Outcome:
         )
     # Of a sequence that was there before, by itself or with this track.
     record, filled = await asyncio.to_thread(
-        analysis.completed, record.id, subject, label, parameters.facts, found.facts
+        analysis.completed, record.id, subject, label, facts, found.facts
     )
     answer = TrackAnswer.joined(estimate, record, query.images if query.keep else None)
     return made(answer, answer.links["self"], is_new, filled=filled)

@@ -12,8 +12,9 @@ from modalmotion import store
 from modalmotion.errors import InputError, NotFoundError, ParameterError
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file, write_images
+from modalmotion.mesh import Facts
 from modalmotion.progress import Stopwatch, as_share
-from modalmotion.tracking import Track
+from modalmotion.tracking import Track, recordings
 from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.parameters import TrackParameters
@@ -33,6 +34,7 @@ _SHARES: Final = {"read": 0.1, "track": 0.8, "image": 0.05}
 def follow(
     source: Upload | Path,
     parameters: TrackParameters,
+    facts: Facts,
     start: Path | None,
     sequence: Path,
     track: Path,
@@ -53,14 +55,12 @@ def follow(
         if isinstance(source, Path):
             recorded = recorded_images(read_images_file(source))
         else:
-            recorded = source.observed(
-                parameters.contours,
-                parameters.coordinates,
-                as_share(report),
-            )
+            recorded = source.observed(parameters.labels, facts.coordinates, as_share(report))
         surface = None if start is None else store.sequence_from_hdf5(start)
     with watch.stage("track") as report:
-        result = parameters.follow(recorded, start=surface, progress=as_share(report))
+        result = recordings.follow(
+            recorded, parameters, start=surface, facts=facts, progress=as_share(report)
+        )
     with watch.stage("image"):
         record = store.record_of(result.sequence, created="", has_upload=True)
         write_whole(sequence, store.upload_image(result.sequence))
