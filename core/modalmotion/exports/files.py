@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion import formats, store
 from modalmotion.arguments.checking import Plotted
@@ -37,7 +36,7 @@ from modalmotion.pictures.signature import (
     tradeoff_figure,
 )
 from modalmotion.pictures.track import data_figure, deviations_figure, usual_frame
-from modalmotion.representation import counted, numeral, with_article
+from modalmotion.representation import Floats, counted, numeral, with_article
 from modalmotion.signature import SignatureKind, Tradeoff
 from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.signature.mode_names import mode_colour, plain_name
@@ -171,7 +170,7 @@ def to_html(signature: ModalSignature) -> str:
     )
 
 
-def _curves(paths: NDArray[np.float64], colours: list[str]) -> str:
+def _curves(paths: Floats, colours: list[str]) -> str:
     """Draw the amplitudes of some modes over time, the first ones on top."""
     if len(paths) < 2 or not paths.size:
         return ""

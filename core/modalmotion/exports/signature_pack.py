@@ -24,6 +24,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.scales import lengths
 from modalmotion.progress import Progress
+from modalmotion.representation import Floats
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import at_times, reconstruct, resample
@@ -228,7 +229,7 @@ def _extend(group: Any, column: _Column, values: NDArray[Any]) -> None:
     dataset.attrs.update({"unit": unit, "axes": column.axes})
 
 
-def _or_nan(values: NDArray[np.float64] | None, like: NDArray[np.float64]) -> NDArray[np.float64]:
+def _or_nan(values: Floats | None, like: Floats) -> Floats:
     return np.full(like.shape, np.nan) if values is None else values
 
 
@@ -256,7 +257,7 @@ def write_superposed(
     surface_format: SurfaceFormat = SurfaceFormat.NPZ,
     *,
     template: Template | None = None,
-    times: NDArray[np.float64] | None = None,
+    times: Floats | None = None,
     phases: list[float] | int | None = None,
     max_targets: int | None = None,
 ) -> bytes:
@@ -318,7 +319,7 @@ def write_superposed(
 def write_surfaces(
     surfaces: MeshSequence,
     surface_format: SurfaceFormat,
-    fields: Mapping[str, NDArray[np.float64]] | None = None,
+    fields: Mapping[str, Floats] | None = None,
     attributes: Mapping[str, str | int | float] | None = None,
 ) -> bytes:
     """Write surfaces frame by frame: npz, VTKHDF with fields and attributes, or a zip of PLY."""

@@ -1,4 +1,4 @@
-"""Mesh sequences: one connectivity, positions over time; and their HDF5 files."""
+"""Mesh sequences: one connectivity, positions over time; HDF5 files, and standard surfaces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Recorded
-from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.errors import ParameterError, ShapeError, TopologyError
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
 from modalmotion.mesh.checks import (
@@ -27,8 +27,21 @@ from modalmotion.mesh.checks import (
 from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
 from modalmotion.mesh.facts import NO_FACTS, Facts
 from modalmotion.mesh.triangles import representatives_of
-from modalmotion.modes.topology import Topology, require_shape
-from modalmotion.representation import FrozenArrays, counted, shown
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import (
+    CLOSED,
+    CLOSED_CURVE,
+    CUP,
+    CYLINDER,
+    OPEN_CURVE,
+    PLANE,
+    SPHERE,
+    TORUS,
+    Topology,
+    lattice_coordinates,
+    require_shape,
+)
+from modalmotion.representation import Floats, FrozenArrays, Ints, counted, shown
 
 MM_PER_UNIT: Final[dict[str, float]] = {
     "m": 1e3,
@@ -73,10 +86,10 @@ class MeshSequence(FrozenArrays, Recorded):
     """
 
     vertices: FloatArray
-    faces: NDArray[np.int64]
+    faces: Ints
     grid: tuple[int, ...] | None = None
     topology: Topology | None = None
-    times: NDArray[np.float64] | None = None
+    times: Floats | None = None
     unit: str | None = None
     facts: Facts = NO_FACTS
     uncertainty: Uncertainty | None = None
@@ -102,7 +115,7 @@ class MeshSequence(FrozenArrays, Recorded):
         return None if self.times is None else float(self.times[-1] - self.times[0])
 
     @property
-    def volumes(self) -> NDArray[np.float64]:
+    def volumes(self) -> Floats:
         """Volume enclosed in each frame, openings capped: (frames,) float64, length unit cubed."""
         return self.readouts().mesh_curve.volumes
 
@@ -139,7 +152,7 @@ class MeshSequence(FrozenArrays, Recorded):
         return digest.hexdigest()
 
     @cached_property
-    def representatives(self) -> NDArray[np.int64]:
+    def representatives(self) -> Ints:
         """Vertex that represents each, (vertices,) int64: see `representatives_of`.
 
         The vertex itself where it is alone, and on curves and lattices, whose order says which
@@ -291,7 +304,6 @@ def _require_grid(grid: tuple[int, ...] | None, topology: Topology | None, n_ver
         raise ShapeError(
             f"A grid of {' x '.join(map(str, grid))} nodes does not fit {n_vertices} vertices.",
             remedy="The product of the grid must be the number of vertices.",
-            details={"grid": list(grid), "n_vertices": n_vertices},
         )
     if topology is not None:
         require_shape(topology, grid)
@@ -418,3 +430,80 @@ def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence
             facts=facts_from_json(contents.json("facts", dict)),
         )
         return sequence, contents
+
+
+def lattice_faces(topology: Topology, shape: tuple[int, ...]) -> Ints:
+    """Triangles that join the nodes of a two-axis lattice: each cell in two.
+
+    Returns
+    -------
+    (faces, 3) int64
+        Poles stay open: the ring of nodes next to a pole bounds a hole half a step wide.
+    """
+    rows, columns = shape
+    index = np.arange(rows * columns).reshape(shape)
+    for axis, ends in enumerate(topology.ends):
+        if ends == CLOSED and shape[axis] > 2:
+            index = np.concatenate([index, np.take(index, [0], axis=axis)], axis=axis)
+    a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
+    c, d = index[1:, :-1].ravel(), index[1:, 1:].ravel()
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)])
+
+
+# Circumference one turn of radius 1; the axis 0.55 of it, as in the order of modes.
+_AXIS: Final = 0.55 * 2.0 * np.pi
+_TUBE: Final = 0.45
+
+
+def standard_surface(lattice: Lattice) -> MeshSequence:
+    """Place a lattice in space, radius 1.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        A curve or a surface.
+
+    Returns
+    -------
+    MeshSequence
+        One frame, without a unit: a straight line, a circle, a flat plane, a tube, a torus, half
+        a spheroid or a sphere.
+
+    Raises
+    ------
+    TopologyError
+        If its topology is another.
+    """
+    topology = lattice.topology
+    coordinates = lattice_coordinates(topology, lattice.shape)
+    s, theta = coordinates[:, 0], 2.0 * np.pi * coordinates[:, -1]
+    if topology == OPEN_CURVE:
+        x = _points(_AXIS * (s - 0.5), 0.0 * s, 0.0 * s)
+    elif topology == CLOSED_CURVE:
+        x = _points(np.cos(theta), np.sin(theta), 0.0 * s)
+    elif topology == PLANE:
+        x = _points(theta - np.pi, _AXIS * (s - 0.5), 0.0 * s)
+    elif topology == CYLINDER:
+        x = _points(np.cos(theta), np.sin(theta), _AXIS * (s - 0.5))
+    elif topology == TORUS:
+        tube = 2.0 * np.pi * s
+        r = 1.0 + _TUBE * np.cos(tube)
+        x = _points(r * np.cos(theta), r * np.sin(theta), _TUBE * np.sin(tube))
+    elif topology == CUP:
+        nu = 0.5 * np.pi * s
+        r = np.sin(nu)
+        x = _points(r * np.cos(theta), r * np.sin(theta), -2.0 * np.cos(nu))
+    elif topology == SPHERE:
+        r = np.sin(np.pi * s)
+        x = _points(r * np.cos(theta), r * np.sin(theta), -np.cos(np.pi * s))
+    else:
+        raise TopologyError(
+            f"A lattice {topology} is not a surface.",
+            remedy="Use an open or closed curve, plane, cylinder, torus, cup or sphere.",
+        )
+    faces = lattice_faces(topology, lattice.shape) if topology.n_axes == 2 else None
+    return mesh_sequence(x[None], faces, grid=lattice.shape, topology=topology)
+
+
+def _points(*columns: Floats) -> Floats:
+    return np.stack(columns, axis=1)

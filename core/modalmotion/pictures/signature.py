@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.alignment import reference_positions
@@ -19,7 +18,7 @@ from modalmotion.pictures.view import (
     new_figure,
     shown_unit,
 )
-from modalmotion.representation import counted, numeral
+from modalmotion.representation import Floats, Ints, counted, numeral
 from modalmotion.signature.choice import NUMBERS, SceneKind
 from modalmotion.signature.making import ModalSignature, SignatureKind, resolve_sequence
 from modalmotion.signature.mode_names import COLOURS, mode_colour, mode_dash, plain_name
@@ -35,7 +34,7 @@ _OTHERS: Final = "#b9bdc1"
 _MOST_LABELS: Final = 24
 
 
-def main_trajectories(signature: ModalSignature) -> NDArray[np.float64]:
+def main_trajectories(signature: ModalSignature) -> Floats:
     """Project each mode's amplitudes on the direction in which they vary most.
 
     Returns
@@ -46,7 +45,7 @@ def main_trajectories(signature: ModalSignature) -> NDArray[np.float64]:
     # A = U S V^T; the first row of V^T is the direction with the largest sum of squares.
     of_modes = signature.body_amplitudes.transpose(1, 0, 2)
     _, _, directions = np.linalg.svd(of_modes, full_matrices=False)
-    trajectories: NDArray[np.float64] = np.einsum("mfd,md->fm", of_modes, directions[:, 0])
+    trajectories: Floats = np.einsum("mfd,md->fm", of_modes, directions[:, 0])
     farthest = np.take_along_axis(trajectories, np.abs(trajectories).argmax(axis=0)[None], axis=0)
     return np.where(farthest < 0.0, -trajectories, trajectories)
 
@@ -131,13 +130,13 @@ def _names(signature: ModalSignature) -> list[str]:
     return names
 
 
-def _times(signature: ModalSignature) -> tuple[NDArray[np.float64], str]:
+def _times(signature: ModalSignature) -> tuple[Floats, str]:
     if signature.times is None:
         return np.arange(signature.n_frames, dtype=np.float64), "frame"
     return signature.times, "time (s)"
 
 
-def _marker(at: NDArray[np.float64]) -> str | None:
+def _marker(at: Floats) -> str | None:
     # One frame alone has no line.
     return "o" if len(at) == 1 else None
 
@@ -253,7 +252,7 @@ def _draw_surfaces(
             figure.colorbar(drawn, ax=axis, shrink=0.7, pad=0.02, label=label)
 
 
-def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int64]:
+def _faces(sequence: MeshSequence, signature: ModalSignature) -> Ints:
     if len(sequence.faces):
         return sequence.faces
     resolved = resolve_sequence(sequence, signature.parameters)
@@ -263,13 +262,7 @@ def _faces(sequence: MeshSequence, signature: ModalSignature) -> NDArray[np.int6
     return sequence.faces
 
 
-def _draw(
-    axis: Any,
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    values: NDArray[np.float64] | None,
-    box: NDArray[np.float64],
-) -> Any:
+def _draw(axis: Any, vertices: Floats, faces: Ints, values: Floats | None, box: Floats) -> Any:
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
@@ -374,7 +367,7 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     return figure
 
 
-def _lower_hull(front: Front) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _lower_hull(front: Front) -> tuple[Floats, Floats]:
     """Bytes and error of the points that no other point beats in both."""
     points = [
         (8.0 * 3 * count * min(n_functions(h), front.n_frames), float(error))

@@ -10,7 +10,6 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.hdf5.form import Form
@@ -21,7 +20,7 @@ from modalmotion.mesh.spring_modes import Modes, spring_modes
 from modalmotion.modes.mode_set import lowest_modes, whole_count
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 from modalmotion.template.axis import Placement
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
 
@@ -71,14 +70,14 @@ class Template(FrozenArrays):
 
     id: str
     surface: Topology | None
-    coordinates: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    coordinates: Floats
+    weights: Floats
     lengths: tuple[float, ...]
     landmarks: Landmarks | None
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    representatives: NDArray[np.int64]
-    isolated: NDArray[np.int64]
+    vertices: Floats
+    faces: Ints
+    representatives: Ints
+    isolated: Ints
     reason: str
     notes: tuple[str, ...]
     placement: Placement | None = None
@@ -106,7 +105,7 @@ class Template(FrozenArrays):
             )
         return self.surface
 
-    def turned(self, w: NDArray[np.float64]) -> Template:
+    def turned(self, w: Floats) -> Template:
         """Return the same about axes that are turned by a rotation vector w, (3,), rad.
 
         Of a template with a placement.
@@ -169,7 +168,7 @@ def is_placed_by_shape(sequence: MeshSequence) -> bool:
     return has_cells and sequence.topology in (CUP, CYLINDER)
 
 
-def is_merged(representatives: NDArray[np.int64]) -> bool:
+def is_merged(representatives: Ints) -> bool:
     """Whether a vertex stands for another: see `MeshSequence.representatives`."""
     return bool((representatives != np.arange(len(representatives))).any())
 
@@ -198,7 +197,6 @@ def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
             f"The template has {template.n_vertices} vertices, the sequence {sequence.n_vertices}.",
             remedy="Use a template whose vertices correspond one to one, or none: each sequence "
             "then gets its own.",
-            details={"template": template.n_vertices, "sequence": sequence.n_vertices},
         )
     faces = template.representatives[sequence.faces]
     if len(faces) and not np.array_equal(faces, template.faces):
@@ -228,9 +226,7 @@ def require_wave_speed(wave_speed: float) -> None:
         )
 
 
-def frequencies_of(
-    modes: Modes, template: Template, wave_speed: float = 1.0
-) -> NDArray[np.float64]:
+def frequencies_of(modes: Modes, template: Template, wave_speed: float = 1.0) -> Floats:
     """Angular frequencies w = c k of modes on a template's surface.
 
     Parameters
@@ -266,7 +262,7 @@ def frequencies_of(
 _FARTHEST: Final = 1e6
 
 
-def nearest_in_use(vertices: NDArray[np.float64], isolated: NDArray[np.int64]) -> NDArray[np.int64]:
+def nearest_in_use(vertices: Floats, isolated: Ints) -> Ints:
     """Vertex of the surface nearest to each isolated one.
 
     Parameters
@@ -288,11 +284,11 @@ def nearest_in_use(vertices: NDArray[np.float64], isolated: NDArray[np.int64]) -
     scale = power_of_two(float(np.abs(surface).max(initial=0.0)))
     with np.errstate(over="ignore"):
         apart = np.clip((vertices[isolated] - corner) / scale, -_FARTHEST, _FARTHEST)
-    nearest: NDArray[np.int64] = used[scipy.spatial.cKDTree(surface / scale).query(apart)[1]]
+    nearest: Ints = used[scipy.spatial.cKDTree(surface / scale).query(apart)[1]]
     return nearest
 
 
-def shapes_of(modes: Modes, template: Template) -> NDArray[np.float64]:
+def shapes_of(modes: Modes, template: Template) -> Floats:
     """Mode shapes at all vertices of a template, isolated ones as their nearest in use.
 
     Returns
@@ -336,7 +332,7 @@ def choose_modes(
             "These are the spring modes of this mesh; their amplitudes compare with those of "
             "meshes of the same connectivity only."
         )
-        return springs.at(template.representatives), (note,)
+        return replace(springs, shapes=springs.shapes[template.representatives]), (note,)
     n_whole = whole_count(template.surface, n_modes, grid)
     chosen = lowest_modes(template.surface, n_whole, grid)
     if n_whole == n_modes:

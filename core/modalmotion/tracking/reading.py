@@ -27,7 +27,7 @@ from modalmotion.formats.frame_files import (
 )
 from modalmotion.formats.frames import read_mesh
 from modalmotion.formats.npz import read_arrays, text_in
-from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Parser
 from modalmotion.formats.text_meshes import lines_of
 from modalmotion.formats.volumes import read_images

@@ -12,7 +12,7 @@ import numpy as np
 from modalmotion.errors import ConnectivityError, InputError, ParameterError, ShapeError
 from modalmotion.formats import ReadOptions, read_sequence
 from modalmotion.formats.frame import TRACK
-from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Parser, Reading
 from modalmotion.images import ImageSequence
 from modalmotion.images.sequence import Images, images_in

@@ -16,8 +16,8 @@ from pydantic import PlainSerializer, PlainValidator
 from modalmotion.errors import InputError
 from modalmotion.formats import Parser, ParserHere, Reading, ReadLimits, ReadOptions, read_sequence
 from modalmotion.formats.frame import SIGNATURE, TRACK
-from modalmotion.formats.parser.child import landlock_version
-from modalmotion.formats.parser.process import ParserForks, ParserLostError
+from modalmotion.formats.parser_child import landlock_version
+from modalmotion.formats.parser_process import ParserForks, ParserLostError
 from modalmotion.formats.result import Answer
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence

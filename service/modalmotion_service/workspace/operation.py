@@ -100,7 +100,8 @@ class Request:
     @staticmethod
     def from_json(values: Mapping[str, Any], query: type[BaseModel]) -> Request:
         """Read what `as_json` gave."""
-        return _REQUEST.validate_python({**values, "query": query(**values.get("query", {}))})
+        stated = {"media_type": JSON, **values, "query": query(**values.get("query", {}))}
+        return _REQUEST.validate_python(stated)
 
 
 _REQUEST: Final = TypeAdapter(Request)

@@ -19,9 +19,8 @@ from modalmotion.clinical.wall_motion import WallMotion
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.checks import Uncertainty
-from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.geometry import vertex_normals
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, TORUS
 from modalmotion.simulate import Acquisition, simulate_ventricle

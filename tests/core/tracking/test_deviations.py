@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from clouds import breathing_spheroid, ends_of, rim_of, sampled
 
-from modalmotion.mesh.cavity import lid_gradient, volume_gradient
-from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.geometry import lid_gradient, volume_gradient
+from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template

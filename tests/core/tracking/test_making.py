@@ -17,7 +17,7 @@ from modalmotion.errors import (
     TopologyError,
 )
 from modalmotion.mesh import Facts, cavity_of
-from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.template import make_template

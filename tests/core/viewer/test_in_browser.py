@@ -19,8 +19,7 @@ from viewed_surfaces import VIEWED, scaled, viewed
 from modalmotion.classification import classify
 from modalmotion.codec import decode, encode
 from modalmotion.mesh.alignment import reference_positions
-from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
