@@ -325,6 +325,7 @@ def _copy(source: Path, copy: Path) -> None:
     copy.parent.mkdir(parents=True, exist_ok=True)
     with replacing(copy) as temporary:
         shutil.copy2(source, temporary)
+        sync_paths([temporary])
 
 
 def _stage_database(source: Path, copy: Path) -> Path:

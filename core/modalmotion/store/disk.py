@@ -53,7 +53,7 @@ def write_atomic(path: Path, data: bytes | memoryview) -> None:
     previous = content_of(path) if path.exists() else None
     try:
         with replacing(path) as temporary:
-            _write(temporary, data)
+            _write_durably(temporary, data)
         try:
             sync_paths([path.parent])
         except BaseException:
@@ -65,11 +65,10 @@ def write_atomic(path: Path, data: bytes | memoryview) -> None:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a file beside a path, which takes its place, synchronised, if the block succeeds."""
+    """Give a file beside a path, which takes its place if the block succeeds."""
     temporary = temporary_beside(path)
     try:
         yield temporary
-        sync_paths([temporary])
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
@@ -164,12 +163,13 @@ def cannot_write(path: Path, error: OSError) -> StoreError:
     )
 
 
-def _write(path: Path, data: bytes | memoryview) -> None:
+def _write_durably(path: Path, data: bytes | memoryview) -> None:
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     try:
         view = memoryview(data)
         while view:
             view = view[os.write(descriptor, view) :]
+        os.fsync(descriptor)
     finally:
         os.close(descriptor)
 

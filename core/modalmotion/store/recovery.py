@@ -508,13 +508,15 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
     ]
     for place, name, digest in things:
         time, path = buried(folder.root, digest), folder.path(place, name)
+        is_image = place == "images"
+        # A record of images, or what was rendered of a signature.
+        beside = [path.with_suffix(RENDERED)] if is_image or place == "results" else []
         # Of a signature its file decides, for what was rendered of the old one may lie beside it.
-        beside, is_image = path.with_suffix(RENDERED), place == "images"
         is_back = time is not None and any(
             one.exists() and is_older(one.stat().st_mtime, time)
-            for one in ((path, beside) if is_image else (path,))
+            for one in (path, *(beside if is_image else []))
         )
         # Samples without a record: putting them was cut short, and never confirmed.
         if is_back or (is_image and name not in scan["image_records"]):
-            remove_durably(path, beside)
+            remove_durably(path, *beside)
             scan[place].discard(name)
