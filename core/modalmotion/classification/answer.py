@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -32,7 +32,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
-from modalmotion.mesh.spring_modes import common_count
+from modalmotion.mesh.spring_modes import Modes, common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
 from modalmotion.signature.making import (
@@ -430,24 +430,23 @@ def _explanation(
     signature = motion.signature
     moving = signature.amplitudes - signature.amplitudes.mean(axis=0)
     squares = np.einsum("fmi,fmi->m", moving, moving) / signature.n_frames
-    places: dict[tuple[int, ...], list[int]]
-    places = {group: [] for group in waves_of(motion.modes, walls=False).modes}
-    wave_of = {k: group for group in places for k in group}
-    for place, column in enumerate(model.columns):
-        read = {wave_of[k] for k in column.modes}
-        if len(read) == 1:
-            places[read.pop()].append(place)
+    labels, of_group = _groups(motion.modes)
+    reads = model.reads @ of_group > 0.0
+    alone = reads & (reads.sum(axis=1, keepdims=True) == 1)
+    scores, sizes = (lead @ alone).tolist(), np.sqrt(squares @ of_group).tolist()
     parts = [
-        ModeContribution(
-            modes=tuple(str(motion.modes.labels[k]) for k in group),
-            score=float(lead[own].sum()),
-            amplitude=math.sqrt(sum(squares[k] for k in group)),
-            unit=signature.unit,
-        )
-        for group, own in places.items()
-        if own
+        ModeContribution(labels[k], scores[k], sizes[k], signature.unit)
+        for k in np.flatnonzero(alone.any(axis=0)).tolist()
     ]
     return tuple(sorted(parts, key=lambda part: -abs(part.score)))
+
+
+@lru_cache(maxsize=32)
+def _groups(modes: Modes) -> tuple[list[tuple[str, ...]], Array]:
+    """Labels of modes that are explained together, and which these are, (modes, groups)."""
+    groups = waves_of(modes, walls=False).modes
+    labels = [tuple(str(modes.labels[k]) for k in group) for group in groups]
+    return labels, np.array([[float(k in group) for group in groups] for k in range(len(modes))])
 
 
 def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:

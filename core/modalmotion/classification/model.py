@@ -201,6 +201,14 @@ class Model(FrozenArrays, Saved, Plotted):
         """Whether a cavity must be enclosed."""
         return any(table.what == VOLUME for table in self.tables)
 
+    @cached_property
+    def reads(self) -> Array:
+        """1 where a feature is read from a mode, (features, modes)."""
+        found = np.zeros((len(self.columns), self.readable.n_modes))
+        for row, column in zip(found, self.columns, strict=True):
+            row[list(column.modes)] = 1.0
+        return found
+
     def features(self, motion: Motion) -> Array:
         """Features of a motion, of all tables, (features,)."""
         return np.concatenate([table.values(motion) for table in self.tables])
