@@ -20,7 +20,7 @@ from modalmotion.classification.model_files import (
     shipped_for,
 )
 from modalmotion.classification.motion import Motion
-from modalmotion.classification.motion_features import volume_share, waves_of
+from modalmotion.classification.motion_features import VOLUME, volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.errors import (
     ModalMotionError,
@@ -174,7 +174,12 @@ def classify(
     ParameterError
         If the coverage is not above 0 and below 1.
     """
-    _require_coverage(coverage)
+    if not 0.0 < coverage < 1.0:
+        raise ParameterError(
+            f"The coverage is {coverage!r}.",
+            remedy="Use a share above 0 and below 1, such as 0.9.",
+            details={"coverage": str(coverage)},
+        )
     if model is None:
         model = load_model(shipped_for(DEFAULT_MODEL, motion.facts))
     signature = motion
@@ -184,7 +189,7 @@ def classify(
     if refusal is not None:
         return _answer(signature, model, coverage, (refusal,))
     read = Motion(first_modes(signature, model.readable.n_modes))
-    if model.reads_volume and read.volumes is None:
+    if read.volumes is None and any(table.what == VOLUME for table in model.tables):
         return _answer(signature, model, coverage, (_NO_VOLUME,))
     flags = model.outliers.flags(read)
     if flags:
@@ -397,24 +402,6 @@ def _answer(
         notes=(*(f"No class: {flag.words}." for flag in flags), *model.notes.get("", ())),
         provenance=provenance(),
     )
-
-
-def _require_coverage(coverage: float) -> None:
-    """Check the level of a class set.
-
-    Raises
-    ------
-    ParameterError
-        If it is not above 0 and below 1.
-    """
-    value: object = coverage
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (is_number and 0.0 < coverage < 1.0):
-        raise ParameterError(
-            f"The coverage is {coverage!r}.",
-            remedy="Use a share above 0 and below 1, such as 0.9.",
-            details={"coverage": str(coverage)},
-        )
 
 
 def _explanation(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.motion import Column, Motion
-from modalmotion.classification.motion_features import VOLUME, Extractor
+from modalmotion.classification.motion_features import Extractor
 from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.errors import TopologyError
@@ -195,11 +195,6 @@ class Model(FrozenArrays, Saved, Plotted):
     def walls(self) -> bool:
         """Whether walls are distinguished, so that the zero of theta must be known."""
         return any(table.walls and table.reads_motion for table in self.tables)
-
-    @property
-    def reads_volume(self) -> bool:
-        """Whether a cavity must be enclosed."""
-        return any(table.what == VOLUME for table in self.tables)
 
     @cached_property
     def reads(self) -> Array:
