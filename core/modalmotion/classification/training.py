@@ -254,7 +254,8 @@ def _model(
     if held_out is not None:
         strangeness = strangeness_of(held_out.probabilities[0], cohort.y)
     extractors = tuple(one.table.extractor for one in tables)
-    arrays = {k: v for k, v in vars(result.detector).items() if isinstance(v, np.ndarray)}
+    parts = vars(result.detector).items()
+    rounded: dict[str, Any] = {k: _rounded(v) for k, v in parts if isinstance(v, np.ndarray)}
     return Model(
         name=name,
         classes=cohort.classes,
@@ -264,7 +265,7 @@ def _model(
         weights=_rounded(np.concatenate([table.linear.weights for table in tables])),
         intercepts=_rounded(np.sum([table.linear.intercepts for table in tables], axis=0)),
         centre=_rounded(X.mean(axis=0)),
-        outliers=replace(result.detector, **{k: _rounded(v) for k, v in arrays.items()}),
+        outliers=replace(result.detector, **rounded),
         shares=_rounded(share_ranges(shares, cohort.y, n)),
         strangeness=strangeness,
         notes={"": notes},
