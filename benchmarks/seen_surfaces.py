@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 import modalmotion as mm
 from modalmotion.mesh import cavity_of, face_normals, vertex_areas
-from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.geometry import vertex_normals
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.simulate import MotionClass, Pose, draw_parameters
 from modalmotion.simulate.surface import random_rotation
 from modalmotion.tracking import Observation, of_surface

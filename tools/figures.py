@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from modalmotion.clinical import clinical_readouts
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes import dispersion, group_velocity, phase_velocity
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import (

@@ -30,8 +30,7 @@ from modalmotion.classification.model_files import (
 )
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training import train
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.mesh.standard_surfaces import lattice_faces
+from modalmotion.mesh.sequence import MeshSequence, lattice_faces, mesh_sequence
 from modalmotion.modes.topology import CUP, CYLINDER
 from modalmotion.signature.making import (
     ModalSignature,

@@ -1,4 +1,4 @@
-"""How values are shown: in one line, in tables, numbers in words; and read-only arrays."""
+"""How values are shown: in one line, in tables, numbers in words; and types of arrays."""
 
 from __future__ import annotations
 
@@ -9,9 +9,14 @@ from collections.abc import Callable, Iterable, Sized
 from dataclasses import Field
 from enum import Enum
 from operator import attrgetter
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int64]
+Bools: TypeAlias = NDArray[np.bool_]
 
 T = TypeVar("T")
 

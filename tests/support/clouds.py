@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import face_normals
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import SPHERE
 from modalmotion.tracking import Observation

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from modalmotion.images import Plane, PlaneSet, Volume
-from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template, make_template

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 from modalmotion.errors import InputError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_sequence
-from modalmotion.formats.parser.child import answer_next, prepare
+from modalmotion.formats.parser_child import answer_next, prepare
 from modalmotion.formats.volumes.reading import kind_of_image
 
 TASKS = ("nifti", "nrrd", "metaimage", "dicom", "hdf5")

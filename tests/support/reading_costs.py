@@ -8,7 +8,7 @@ from pathlib import Path
 
 from modalmotion.errors import InputError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_sequence
-from modalmotion.formats.parser.child import parser_of
+from modalmotion.formats.parser_child import parser_of
 
 
 def main(*paths: str) -> int:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Answer
 
 _USUAL_SECONDS = 60.0

@@ -21,7 +21,7 @@ from modalmotion.cli.options import (
     write_picture,
 )
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import MESH, Topology, parse_label

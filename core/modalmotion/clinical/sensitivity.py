@@ -14,7 +14,7 @@ from modalmotion.clinical.wall_motion import WallMotion
 from modalmotion.errors import InputError
 from modalmotion.mesh import cavity_of
 from modalmotion.mesh.alignment import Rotations
-from modalmotion.mesh.cavity import volume_gradient
+from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import ModeLabel
 from modalmotion.representation import shown

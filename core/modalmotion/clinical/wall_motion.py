@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from modalmotion.clinical.smooth_wall import Places, Slopes, SmoothWall
 from modalmotion.mesh.checks import Uncertainty
-from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.geometry import vertex_normals
 
 LONGITUDINAL: Final = "longitudinal"
 CIRCUMFERENTIAL: Final = "circumferential"

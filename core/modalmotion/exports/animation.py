@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.formats.glb_writing import MorphAnimation
@@ -19,7 +18,7 @@ from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import Oscillators, State, free_response
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
@@ -149,8 +148,6 @@ def modes_to_hdf5(modes: VibrationModes) -> bytes:
     return FORM.image({}, datasets, topology=modes.surface)
 
 
-Array = NDArray[np.float64]
-
 # If modes are shown one by one: frames of each, s, and amplitude as a share of the surface.
 _FRAMES_OF_EACH: Final = 24
 _SECONDS_OF_EACH: Final = 1.0
@@ -178,9 +175,9 @@ class Swing:
 
     template: Template
     modes: VibrationModes
-    direction: Array
-    amplitudes: Array
-    times: Array
+    direction: Floats
+    amplitudes: Floats
+    times: Floats
     unit: str | None
 
     @property
@@ -188,11 +185,11 @@ class Swing:
         """Number of frames."""
         return len(self.times)
 
-    def heights(self) -> Iterator[Array]:
+    def heights(self) -> Iterator[Floats]:
         """Displacement of each vertex along its direction, (vertices,) for each frame."""
         return ((self.modes.shapes @ a[:, None])[:, 0] for a in self.amplitudes)
 
-    def positions(self) -> Iterator[Array]:
+    def positions(self) -> Iterator[Floats]:
         """Positions, (vertices, 3) for each frame; memory does not grow with their number."""
         start = self.template.vertices
         # (2) x = X + sum_m a_m phi_m d
@@ -244,8 +241,8 @@ class Swing:
 def swing(
     template: Template,
     modes: VibrationModes,
-    amplitudes: Array,
-    direction: Array,
+    amplitudes: Floats,
+    direction: Floats,
     *,
     n_frames: int = 48,
     seconds: float = 2.0,
@@ -304,7 +301,7 @@ def swing(
 
 
 def one_by_one(
-    template: Template, modes: VibrationModes, direction: Array, unit: str | None = None
+    template: Template, modes: VibrationModes, direction: Floats, unit: str | None = None
 ) -> Swing:
     """Show modes one after the other, each for one oscillation, with a visible amplitude.
 

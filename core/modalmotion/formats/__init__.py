@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from modalmotion.formats.named_arrays import write_raw as write_raw
     from modalmotion.formats.npz import read_npz as read_npz
     from modalmotion.formats.npz import write_npz as write_npz
-    from modalmotion.formats.parser.child import ParserHere as ParserHere
-    from modalmotion.formats.parser.process import ParserProcess as ParserProcess
+    from modalmotion.formats.parser_child import ParserHere as ParserHere
+    from modalmotion.formats.parser_process import ParserProcess as ParserProcess
     from modalmotion.formats.reading import read_sequence as read_sequence
     from modalmotion.formats.result import Parser as Parser
     from modalmotion.formats.result import Reading as Reading

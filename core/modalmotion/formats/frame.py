@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ConnectivityError, ShapeError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
+from modalmotion.representation import Ints
 
 TRACK: Final = "`modalmotion track`"
 """What takes frames that do not correspond, as remedies name it; a service has its own name."""
@@ -57,7 +57,7 @@ class Frame:
     """
 
     positions: FloatArray
-    faces: NDArray[np.int64]
+    faces: Ints
     is_soup: bool = False
     notes: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
@@ -80,7 +80,7 @@ def space_in(text: bytes) -> tuple[tuple[str, str], ...]:
     return () if match is None else (("coordinate_system", match[1].decode()),)
 
 
-Integers = Sequence[int] | NDArray[np.int64]
+Integers = Sequence[int] | Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class Triangles:
     notes : tuple of str
     """
 
-    faces: NDArray[np.int64]
+    faces: Ints
     notes: tuple[str, ...]
 
 
@@ -155,11 +155,11 @@ class MergeMap:
     vertex_of : (corners,) int64
     """
 
-    first: NDArray[np.int64]
-    vertex_of: NDArray[np.int64]
+    first: Ints
+    vertex_of: Ints
 
     @property
-    def faces(self) -> NDArray[np.int64]:
+    def faces(self) -> Ints:
         """Triangles of the merged vertices, (faces, 3) int64."""
         return self.vertex_of.reshape(-1, 3)
 
@@ -202,7 +202,6 @@ class MergeMap:
                 f"the frames as they are: {TRACK}.",
                 frame=frame,
                 vertex=vertex,
-                details={"corner": corner, "count": int(apart.size)},
             )
         return positions
 

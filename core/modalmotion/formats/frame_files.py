@@ -71,7 +71,6 @@ def _require_safe(name: str) -> None:
         raise MalformedFileError(
             f"The name {name[:80]!r} leads out of the archive.",
             remedy="Pack the frames with plain relative names.",
-            details={"name": name[:80]},
         )
 
 
@@ -438,7 +437,6 @@ def _plain_members(archive: zipfile.ZipFile, limits: ReadLimits) -> dict[str, zi
                 raise MalformedFileError(
                     f"The member {info.filename[-60:]!r} of the archive is {what}.",
                     remedy=_REMEDY,
-                    details={"name": info.filename[-200:]},
                 )
         members[info.filename] = info
     limits.require("decompressed_bytes", sum(info.file_size for info in members.values()))

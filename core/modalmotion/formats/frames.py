@@ -127,7 +127,6 @@ class FrameStack:
                 remedy="Repair or leave out the frame; missing points are not guessed.",
                 frame=number,
                 vertex=int(bad[0]),
-                details={"count": int(bad.size)},
             )
         return frame.positions
 
@@ -146,11 +145,11 @@ def _grid(stated: str | None) -> list[int] | None:
 
 def _other_faces(frame: Frame, first: Frame) -> ConnectivityError:
     own, theirs = frame.faces, first.faces
-    what, face = f"It has {len(own)} faces, frame 0 has {len(theirs)}.", None
+    what = f"It has {len(own)} faces, frame 0 has {len(theirs)}."
     if len(own) == len(theirs):
         face = int(np.flatnonzero((own != theirs).any(axis=1))[0])
         what = f"Face {face} is {own[face].tolist()}, in frame 0 {theirs[face].tolist()}."
-    return ConnectivityError(what, remedy=ONE_MESH, details={"face": face})
+    return ConnectivityError(what, remedy=ONE_MESH)
 
 
 _READERS: Final = {

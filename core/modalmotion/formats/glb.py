@@ -20,8 +20,7 @@ from modalmotion.formats.glb_writing import BINARY, JSON, MAGIC, OURS, VERSION
 from modalmotion.formats.result import Reading, reading_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import NO_FACTS, Facts
-
-Array = NDArray[np.float64]
+from modalmotion.representation import Floats, Ints
 
 _TRIANGLES: Final = 4
 _STRIPS_AND_FANS: Final = (5, 6)
@@ -253,12 +252,12 @@ def _count(owner: Any, name: str, default: int | None = None) -> int:
 class Channel(NamedTuple):
     """Values of one property of a node, (keys, n), at its keyframes in s, and how it goes on."""
 
-    times: Array
-    values: Array
+    times: Floats
+    values: Floats
     is_step: bool = False
     is_rotation: bool = False
 
-    def at(self, times: Array) -> Array:
+    def at(self, times: Floats) -> Floats:
         """Values at any times, held before the first and after the last key, (times, n)."""
         t = np.clip(times, self.times[0], self.times[-1])
         if self.is_step or len(self.times) == 1:
@@ -384,8 +383,8 @@ def _read(file: File, animation: str | None) -> Reading:
 
 
 def _shown(
-    file: File, channels: Channels, times: Array
-) -> Iterator[tuple[int, dict[str, Any], Array]]:
+    file: File, channels: Channels, times: Floats
+) -> Iterator[tuple[int, dict[str, Any], Floats]]:
     """Give the nodes with meshes in the order of the scene, and their places over time.
 
     Yields
@@ -415,7 +414,7 @@ def _shown(
         waiting += [(world, child) for child in reversed(node.get("children", []))]
 
 
-def _local(node: dict[str, Any], index: int, channels: Channels, times: Array) -> Array:
+def _local(node: dict[str, Any], index: int, channels: Channels, times: Floats) -> Floats:
     if "matrix" in node:
         # Column by column.
         return _numbers(node, "matrix", [0.0] * 16).reshape(1, 4, 4).transpose(0, 2, 1)
@@ -438,7 +437,7 @@ def _local(node: dict[str, Any], index: int, channels: Channels, times: Array) -
     return local
 
 
-def _numbers(node: dict[str, Any], name: str, default: list[float]) -> Array:
+def _numbers(node: dict[str, Any], name: str, default: list[float]) -> Floats:
     values = np.array(node.get(name, default), dtype=np.float64)
     if values.shape != (len(default),) or not np.isfinite(values).all():
         raise _malformed(f"A node of the GLB file has the {name} {str(node.get(name))[:60]}.")
@@ -448,9 +447,9 @@ def _numbers(node: dict[str, Any], name: str, default: list[float]) -> Array:
 class _Mesh(NamedTuple):
     """Vertices and the targets that move them, (1 + targets, vertices, 3); triangles; weights."""
 
-    shapes: Array
-    faces: NDArray[np.int64]
-    weights: Array
+    shapes: Floats
+    faces: Ints
+    weights: Floats
 
 
 def _mesh(file: File, index: int, ignored: dict[str, None]) -> _Mesh:
@@ -458,7 +457,7 @@ def _mesh(file: File, index: int, ignored: dict[str, None]) -> _Mesh:
     mesh = file.item("meshes", index)
     # First vertex and number of vertices of each set of accessors.
     placed = dict[tuple[Any, ...], tuple[int, int]]()
-    blocks, faces, n_vertices = list[Array](), list[NDArray[np.int64]](), 0
+    blocks, faces, n_vertices = list[Floats](), list[Ints](), 0
     for primitive in mesh["primitives"]:
         is_plain = not _COMPRESSED & primitive.get("extensions", {}).keys()
         if not is_plain or primitive.get("mode", _TRIANGLES) in _STRIPS_AND_FANS:
@@ -494,7 +493,7 @@ def _mesh(file: File, index: int, ignored: dict[str, None]) -> _Mesh:
     return _Mesh(shapes, np.concatenate(faces), weights)
 
 
-def _faces(file: File, primitive: dict[str, Any], n_vertices: int) -> NDArray[np.int64]:
+def _faces(file: File, primitive: dict[str, Any], n_vertices: int) -> Ints:
     if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
         return np.zeros((0, 3), dtype=np.int64)
     corners = np.arange(n_vertices, dtype=np.uint64)
@@ -510,7 +509,7 @@ def _faces(file: File, primitive: dict[str, Any], n_vertices: int) -> NDArray[np
     return corners.astype(np.int64).reshape(-1, 3)
 
 
-def _placed(mesh: _Mesh, weights: Array, M: Array) -> Array:
+def _placed(mesh: _Mesh, weights: Floats, M: Floats) -> Floats:
     n_targets = len(mesh.shapes) - 1
     if weights.shape[1:] != (n_targets,) or not np.isfinite(weights).all():
         raise _malformed(
@@ -518,7 +517,7 @@ def _placed(mesh: _Mesh, weights: Array, M: Array) -> Array:
         )
     # x(t) = M(t) (base + sum_i w_i(t) target_i)
     moved = np.tensordot(weights, mesh.shapes[1:], axes=(1, 0)) + mesh.shapes[0]
-    placed: Array = np.matmul(moved, M[:, :3, :3].transpose(0, 2, 1))
+    placed: Floats = np.matmul(moved, M[:, :3, :3].transpose(0, 2, 1))
     return placed + M[:, None, :3, 3]
 
 

@@ -14,7 +14,7 @@ from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import Topology
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 
 OURS: Final = "modalmotion"
 """Name under which our own files hold unit and times in the extras of the asset."""
@@ -60,14 +60,14 @@ class MorphAnimation:
         If the arrays do not fit each other.
     """
 
-    base: NDArray[np.float64]
-    targets: NDArray[np.float64] | NDArray[np.float32]
+    base: Floats
+    targets: Floats | NDArray[np.float32]
     target_names: tuple[str, ...]
-    weights: NDArray[np.float64]
-    rotations: NDArray[np.float64]
-    translations: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    times: NDArray[np.float64] | None = None
+    weights: Floats
+    rotations: Floats
+    translations: Floats
+    faces: Ints
+    times: Floats | None = None
     unit: str | None = None
     topology: Topology | None = None
     grid: tuple[int, ...] | None = None
@@ -88,14 +88,13 @@ class MorphAnimation:
                     f"{name!r} has the shape {array.shape}, not {shape}: there are {n_frames} "
                     f"frames of {n_targets} weights.",
                     remedy="Give every frame its weights, rotation, translation and time.",
-                    details={"array": name, "shape": list(array.shape)},
                 )
 
-    def positions(self) -> NDArray[np.float64]:
+    def positions(self) -> Floats:
         """Positions of all frames, (frames, vertices, 3) float64, in `unit`."""
         u = np.tensordot(self.weights, self.targets, axes=(1, 0))
         # x(t) = R(t) (base + u(t)) + T(t)
-        x: NDArray[np.float64] = np.matmul(self.base + u, self.rotations.transpose(0, 2, 1))
+        x: Floats = np.matmul(self.base + u, self.rotations.transpose(0, 2, 1))
         return x + self.translations[:, None, :]
 
 
@@ -228,7 +227,7 @@ def write_container(document: dict[str, Any], binary: bytes | bytearray) -> byte
     return b"".join((MAGIC, VERSION.to_bytes(4, "little"), length.to_bytes(4, "little"), *parts))
 
 
-def to_quaternions(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_quaternions(matrices: Floats) -> Floats:
     """Turn rotations over time into unit quaternions (x, y, z, w) without jumps of sign.
 
     Parameters
@@ -240,9 +239,7 @@ def to_quaternions(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     (frames, 4) float64
         Each on the same side as the one before, so that a player turns the short way.
     """
-    quaternions: NDArray[np.float64] = scipy.spatial.transform.Rotation.from_matrix(
-        matrices
-    ).as_quat()
+    quaternions: Floats = scipy.spatial.transform.Rotation.from_matrix(matrices).as_quat()
     turns = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
     quaternions[1:] *= np.cumprod(turns)[:, None]
     return quaternions
@@ -282,9 +279,7 @@ class _Buffer:
         return len(self.accessors) - 1
 
 
-def _extras(
-    animation: MorphAnimation, least: NDArray[np.float64], spans: NDArray[np.float64]
-) -> dict[str, Any]:
+def _extras(animation: MorphAnimation, least: Floats, spans: Floats) -> dict[str, Any]:
     times, topology = animation.times, animation.topology
     stated = {
         "unit": animation.unit,

@@ -27,6 +27,7 @@ from modalmotion.formats.vtk_xml import xml_tree
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.representation import Ints
 
 _NAMES: Final = {
     "vertices": ("vertices", "points", "verts", "positions", "nodes", "v", "p"),
@@ -136,9 +137,6 @@ def _parsed(
         arrays["times"] = np.ravel(own["times"]).astype(np.float64)
     info = {
         "format": kind,
-        "unit": None,
-        "topology": None,
-        "grid": None,
         "ignored": [name for name in names if name not in aliases.values()],
         "notes": [*note_on(aliases), *notes],
     }
@@ -173,7 +171,7 @@ def positions_in(array: NDArray[Any], *, is_matlab: bool) -> NDArray[Any]:
     )
 
 
-def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[Ints, tuple[str, ...]]:
     """Give triangles as rows that count vertices from 0, with a note where they counted from 1.
 
     Raises
@@ -246,7 +244,6 @@ def read_raw(
             f"{len(data)} bytes are not a whole number of frames of {n_vertices} vertices as "
             f"{dtype} ({frame_bytes} bytes each).",
             remedy="Check the number of vertices and the type; the file may be cut short.",
-            details={"bytes": len(data), "frame_bytes": frame_bytes},
         )
     limits.require("frames", n_frames)
     limits.require("vertices", n_vertices)

@@ -227,7 +227,6 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
             "pickled objects are never loaded.",
             remedy="Store plain numbers (float32, float64, int32, int64), and text only for "
             f"{', '.join(_TEXTS)}.",
-            details={"array": name, "dtype": dtype.str[:20]},
         )
     n_bytes, left = prod(shape) * dtype.itemsize, info.file_size - stream.tell()
     if min(shape, default=0) < 0 or n_bytes != left:
@@ -258,7 +257,6 @@ def text_in(arrays: dict[str, NDArray[Any]], name: str) -> str | None:
         raise ShapeError(
             f"The array {name!r} has the shape {array.shape} of {array.dtype}, not one text.",
             remedy=f"Store it as numpy.array('...'), or leave {name!r} out.",
-            details={"array": name},
         )
     return str(array.reshape(())[()]) or None
 
@@ -270,7 +268,6 @@ def _facts(arrays: dict[str, NDArray[Any]]) -> Facts:
             raise ShapeError(
                 f"The array 'period' has the shape {arrays['period'].shape}, not one number.",
                 remedy="Store it as numpy.array(0.8), in s, or leave 'period' out.",
-                details={"array": "period"},
             )
         texts["period"] = arrays["period"].item()
     return facts_from_texts(texts)

@@ -22,6 +22,7 @@ from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.formats.text_meshes import lines_of
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
+from modalmotion.representation import Floats, Ints
 
 _malformed: Final = partial(
     MalformedFileError,
@@ -74,7 +75,7 @@ class _Rows(NamedTuple):
 
     columns: dict[str, NDArray[Any]]
     lists: dict[str, tuple[NDArray[Any], NDArray[Any]]]
-    widths: NDArray[np.int64]
+    widths: Ints
 
 
 def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
@@ -164,7 +165,7 @@ def _numbers_in(text: memoryview) -> tuple[memoryview, array[int]]:
     return memoryview(numbers.tobytes()), widths
 
 
-def _whole(of: tuple[NDArray[Any], NDArray[Any]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _whole(of: tuple[NDArray[Any], NDArray[Any]]) -> tuple[Ints, Ints]:
     with np.errstate(invalid="ignore"):
         sizes, items = (values.astype(np.int64) for values in of)
     if (items != of[1]).any():
@@ -282,9 +283,9 @@ def _with_property(element: _Element, words: list[str]) -> _Element:
 
 def write_ply(
     positions: FloatArray,
-    faces: NDArray[np.int64],
+    faces: Ints,
     statements: Mapping[str, str],
-    of_vertices: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
+    of_vertices: Mapping[str, Floats] = MappingProxyType({}),
 ) -> bytes:
     """Write one mesh as binary little-endian PLY.
 

@@ -11,7 +11,7 @@ from modalmotion.formats.frames import FrameStack, read_mesh
 from modalmotion.formats.glb import read_glb
 from modalmotion.formats.named_arrays import read_raw, read_xdmf
 from modalmotion.formats.npz import read_npz
-from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Answer, Parser, Reading, ReadOptions, reading_of
 from modalmotion.mesh import facts_from_json
 from modalmotion.progress import Progress
@@ -23,10 +23,10 @@ def _result(answer: Answer) -> Reading:
         arrays["vertices"],
         arrays["faces"],
         format=str(info["format"]),
-        grid=info["grid"],
-        topology=info["topology"],
+        grid=info.get("grid"),
+        topology=info.get("topology"),
         times=arrays.get("times"),
-        unit=info["unit"],
+        unit=info.get("unit"),
         facts=facts_from_json(info.get("facts", {})),
         notes=info["notes"],
         ignored=tuple(info["ignored"]),

@@ -16,7 +16,7 @@ from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.checks import FloatArray, given_up, require_times
 from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
 from modalmotion.modes.topology import Topology
-from modalmotion.representation import shown
+from modalmotion.representation import Ints, shown
 
 Source = Literal["file", "format", "caller"]
 """Origin of a fact: this file, the definition of its format, or the caller."""
@@ -54,7 +54,7 @@ class Reading:
 
 def reading_of(
     vertices: FloatArray,
-    faces: NDArray[np.int64] | None,
+    faces: Ints | None,
     *,
     format: str,  # noqa: A002 - the name of the field
     grid: Any = None,

@@ -30,6 +30,7 @@ from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.triangles import face_normals, oriented_faces
+from modalmotion.representation import Floats, Ints
 
 _BLOCK: Final = 1 << 20
 _LONGEST_LINE: Final = 1 << 20
@@ -53,7 +54,6 @@ def line_blocks(data: bytes | memoryview) -> Iterator[list[bytes]]:
                 raise MalformedFileError(
                     f"Line {number} is {len(line)} bytes long.",
                     remedy="Write one vertex or one face a line.",
-                    details={"line": number},
                 )
         n_lines += len(lines)
         yield lines
@@ -151,7 +151,7 @@ def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     return Frame(corners, faces, is_soup=True, statements=space_in(header))
 
 
-def _text_stl(data: bytes, limits: ReadLimits) -> NDArray[np.float64]:
+def _text_stl(data: bytes, limits: ReadLimits) -> Floats:
     numbers, rest, is_open = array("d"), b"", False
     for lines in line_blocks(data):
         # Facets and, in every second place, lines that begin or end a solid.
@@ -183,7 +183,7 @@ def _damaged(facet: int, text: bytes) -> MalformedFileError:
     return _malformed_stl(f"Facet {facet} of the STL file reads {words!r}.")
 
 
-def write_stl(vertices: NDArray[np.floating], faces: NDArray[np.int64], title: str = "") -> bytes:
+def write_stl(vertices: NDArray[np.floating], faces: Ints, title: str = "") -> bytes:
     """Write triangles as binary STL, in float32, all wound the same way round where they can be.
 
     Parameters

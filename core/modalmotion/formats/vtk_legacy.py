@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.limits import NO_LIMITS, ReadLimits
+from modalmotion.representation import Ints
 
 malformed: Final = partial(
     MalformedFileError, remedy="Save the frame again as a polygonal surface (vtkPolyData)."
@@ -74,7 +75,7 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     if dataset != "dataset" or kind not in ("polydata", "unstructured_grid"):
         raise malformed(f"The VTK file is a {kind[:40] or 'file'} without a surface.")
     points: NDArray[Any] = np.zeros((0, 3))
-    cells: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
+    cells: dict[str, tuple[Ints, Ints]] = {}
     types, statements = None, dict(space_in(title))
     while (word := file.word()) not in ("", "point_data", "cell_data"):
         if word == "points":
@@ -121,8 +122,8 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
 
 def surface_of(
     points: NDArray[Any],
-    sizes: NDArray[np.int64],
-    corners: NDArray[np.int64],
+    sizes: Ints,
+    corners: Ints,
     types: NDArray[Any] | None,
     limits: ReadLimits,
     *,
@@ -203,7 +204,7 @@ def numbers_in(text: bytes, kind: np.dtype[Any]) -> NDArray[Any]:
     return cast
 
 
-def whole(values: NDArray[Any]) -> NDArray[np.int64]:
+def whole(values: NDArray[Any]) -> Ints:
     """Give offsets or corners as int64.
 
     Raises
@@ -258,7 +259,7 @@ class _Legacy:
             raise malformed(f"The VTK file declares {n} numbers, and {len(values)} follow.")
         return values.astype(dtype, copy=False)
 
-    def cells(self, n: int, m: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def cells(self, n: int, m: int) -> tuple[Ints, Ints]:
         """Sizes of cells and their corners, as of version 5.1 or as lists before."""
         if (found := _OFFSETS.match(self.data, self.at)) is not None:
             self.at = found.end()

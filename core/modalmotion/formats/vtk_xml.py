@@ -23,6 +23,7 @@ from modalmotion.formats.frame import Frame, space_in
 from modalmotion.formats.vtk_legacy import malformed, numbers_in, surface_of, whole
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.numeric.unpacking import filled, unpacked
+from modalmotion.representation import Ints
 
 _KINDS: Final = {
     f"{name}{8 * n}": f"{letter}{n}"
@@ -147,7 +148,7 @@ class _File:
                 text = self._values(array, None).astype(np.uint8).tobytes()
                 yield from space_in(b"SPACE=" + text)
 
-    def _cells(self, cells: Element | None, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _cells(self, cells: Element | None, n: int) -> tuple[Ints, Ints]:
         if not n:
             return np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
         ends = whole(self._values(_named(cells, "offsets"), n))

@@ -29,8 +29,8 @@ from modalmotion.hdf5.sealed import open_gated
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.checks import given_up
-from modalmotion.mesh.hdf5 import FORM, TRACK, sequence_from_hdf5
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.sequence import FORM, TRACK, MeshSequence, sequence_from_hdf5
+from modalmotion.representation import Floats, Ints
 
 _TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
 """Groups of cells, in the order of their columns in the offsets of steps."""
@@ -52,12 +52,12 @@ class _Surface(NamedTuple):
     # What our own files state beside it.
     ours: Any
     # Of the points of each step, which are not read yet.
-    sizes: NDArray[np.int64]
-    points: NDArray[np.int64]
-    parts: NDArray[np.int64]
-    cells: NDArray[np.int64]
-    corners: NDArray[np.int64]
-    times: dict[str, NDArray[np.float64]]
+    sizes: Ints
+    points: Ints
+    parts: Ints
+    cells: Ints
+    corners: Ints
+    times: dict[str, Floats]
 
     def stated(self, name: str) -> str | None:
         return _text(self.ours[name]) if name in self.ours else None
@@ -204,7 +204,7 @@ def _same_faces(surface: _Surface, limits: ReadLimits) -> Triangles:
     # Each part before has one offset more than polygons, unless steps share theirs.
     starts = (surface.cells + parts, surface.corners, n_cells[parts], n_corners[parts])
     places = np.stack(starts, axis=1)
-    first: list[NDArray[np.int64]] = []
+    first: list[Ints] = []
     for frame in np.sort(np.unique(places, axis=0, return_index=True)[1]).tolist():
         start, corner, n, m = places[frame].tolist()
         own = [offsets[max(start, 0) : start + n + 1], corners[max(corner, 0) : corner + m]]
@@ -240,7 +240,7 @@ def _positions(surface: _Surface, limits: ReadLimits) -> NDArray[Any]:
     return np.stack([values[start : start + n] for start in starts.tolist()])
 
 
-def _integers(group: Any, name: str, columns: int | None = None) -> NDArray[np.int64]:
+def _integers(group: Any, name: str, columns: int | None = None) -> Ints:
     """Read a list of whole numbers, or a table of so many columns."""
     dataset = group[name]
     fits = dataset.ndim == 1 if columns is None else dataset.shape[1:] == (columns,)
@@ -353,7 +353,6 @@ def _require_field(name: str, values: NDArray[Any], sequence: MeshSequence) -> N
             f"The field {name!r} has the shape {values.shape} of {values.dtype}; the sequence "
             f"has {expected[0]} frames of {expected[1]} vertices.",
             remedy="Give one number, or a few, for each vertex of each frame.",
-            details={"field": name, "shape": list(values.shape)},
         )
 
 

@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING
 from modalmotion.arguments.public import public_list
 
 if TYPE_CHECKING:
-    from modalmotion.mesh.cavity import Cavity as Cavity
-    from modalmotion.mesh.cavity import cavity_of as cavity_of
     from modalmotion.mesh.fact_forms import column_of as column_of
     from modalmotion.mesh.fact_forms import facts_as_json as facts_as_json
     from modalmotion.mesh.fact_forms import facts_from_json as facts_from_json
@@ -22,10 +20,12 @@ if TYPE_CHECKING:
     from modalmotion.mesh.facts import Corners as Corners
     from modalmotion.mesh.facts import Facts as Facts
     from modalmotion.mesh.facts import Place as Place
+    from modalmotion.mesh.geometry import Cavity as Cavity
+    from modalmotion.mesh.geometry import cavity_of as cavity_of
     from modalmotion.mesh.laplacian import cotangent_laplacian as cotangent_laplacian
     from modalmotion.mesh.laplacian import graph_laplacian as graph_laplacian
     from modalmotion.mesh.laplacian import solve_positive_definite as solve_positive_definite
-    from modalmotion.mesh.standard_surfaces import lattice_faces as lattice_faces
+    from modalmotion.mesh.sequence import lattice_faces as lattice_faces
     from modalmotion.mesh.triangles import Connectivity as Connectivity
     from modalmotion.mesh.triangles import connectivity_of as connectivity_of
     from modalmotion.mesh.triangles import face_areas as face_areas

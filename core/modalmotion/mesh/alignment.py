@@ -16,11 +16,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.mesh.standard_surfaces import lattice_faces
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, lattice_faces
 from modalmotion.mesh.triangles import curve_weights, vertex_areas
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.representation import shown
+from modalmotion.representation import Bools, Floats, Ints, shown
 
 # Relative to the largest singular value of the covariance: below this a direction is not
 # spanned by the points, and the rotation about it is not determined by them. Singular values
@@ -45,8 +44,8 @@ class Rotations:
         unique: the rotation is then the smallest of those that fit equally well.
     """
 
-    matrices: NDArray[np.float64]
-    is_determined: NDArray[np.bool_]
+    matrices: Floats
+    is_determined: Bools
 
     @staticmethod
     def none(n_frames: int) -> Rotations:
@@ -55,9 +54,7 @@ class Rotations:
 
 
 def kabsch(
-    covariances: NDArray[np.float64],
-    tolerance: float = RANK_TOLERANCE,
-    noise: NDArray[np.float64] | None = None,
+    covariances: Floats, tolerance: float = RANK_TOLERANCE, noise: Floats | None = None
 ) -> Rotations:
     """Best proper rotation for each covariance matrix.
 
@@ -92,9 +89,7 @@ def kabsch(
     return Rotations(matrices, is_determined)
 
 
-def _nearest_rotations(
-    matrices: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _nearest_rotations(matrices: Floats) -> tuple[Floats, Floats, Floats]:
     """Rotations R with the largest trace of R' C, singular values of C, sign of the last one."""
     # R = U diag(1, 1, det(U V')) V' for C = U S V': never a reflection.
     U, S, Vt = np.linalg.svd(matrices)
@@ -133,34 +128,31 @@ class ReferenceShape:
         Vertices that are not read here: in no triangle.
     """
 
-    centre: NDArray[np.float64]
-    rest: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    centre: Floats
+    rest: Floats
+    weights: Floats
     scale: float
     tolerance: float
-    ignored: NDArray[np.int64]
+    ignored: Ints
 
     @cached_property
     def spread(self) -> float:
         """Root mean square distance from the centroid, in units of the scale."""
         return float(np.sqrt((self.weights * (self.rest**2).sum(axis=0)).sum()))
 
-    def noise(self, drift: NDArray[np.float64]) -> NDArray[np.float64]:
+    def noise(self, drift: Floats) -> Floats:
         """Bound the rounding of covariances of frames that drifted so far, (frames,)."""
-        far: NDArray[np.float64] = np.sqrt((drift**2).sum(axis=1))
+        far: Floats = np.sqrt((drift**2).sum(axis=1))
         return _ROUNDING * self.spread * far
 
     @cached_property
-    def moments(self) -> NDArray[np.float64]:
+    def moments(self) -> Floats:
         """Columns that sum positions x to sum w x x_ref' and to sum w x, (vertices, 4)."""
         return np.concatenate([self.rest * self.weights, self.weights[None]]).T
 
     @staticmethod
     def at(
-        sequence: MeshSequence,
-        weights: NDArray[np.float64],
-        start: NDArray[np.float64],
-        ignored: NDArray[np.int64] | None = None,
+        sequence: MeshSequence, weights: Floats, start: Floats, ignored: Ints | None = None
     ) -> ReferenceShape:
         """Centre positions (vertices, 3) that a sequence is measured from."""
         ignored = np.zeros(0, dtype=np.int64) if ignored is None else ignored
@@ -173,9 +165,7 @@ class ReferenceShape:
         return ReferenceShape(centre, rest / scale, weights, scale, tolerance, ignored)
 
 
-def _scale(
-    sequence: MeshSequence, counted: NDArray[np.bool_], centre: NDArray[np.float64]
-) -> float:
+def _scale(sequence: MeshSequence, counted: Bools, centre: Floats) -> float:
     """Power of two that brings every counted offset from the centre to 1 or below, or 1."""
     positions = sequence.vertices if counted.all() else sequence.vertices[:, counted]
     low, high = float(positions.min()), float(positions.max())
@@ -185,12 +175,7 @@ def _scale(
     return power_of_two(largest)
 
 
-def _rank_tolerance(
-    sequence: MeshSequence,
-    counted: NDArray[np.bool_],
-    centre: NDArray[np.float64],
-    rest: NDArray[np.float64],
-) -> float:
+def _rank_tolerance(sequence: MeshSequence, counted: Bools, centre: Floats, rest: Floats) -> float:
     """Square of the thickness that rounding of the stored positions gives to a line."""
     extent = float(np.abs(rest[:, counted]).max(initial=0.0))
     if extent == 0.0:
@@ -221,9 +206,9 @@ class DisplacementBlock:
     """
 
     frames: slice
-    u: NDArray[np.float64]
+    u: Floats
     rotations: Rotations
-    drifts: NDArray[np.float64]
+    drifts: Floats
     shape: ReferenceShape
 
 
@@ -243,12 +228,12 @@ class PositionBlock:
     """
 
     frames: slice
-    positions: NDArray[np.float64]
-    is_still: NDArray[np.bool_]
+    positions: Floats
+    is_still: Bools
     shape: ReferenceShape
     remove_rotation: bool
 
-    def alignment(self) -> tuple[Rotations, NDArray[np.float64]]:
+    def alignment(self) -> tuple[Rotations, Floats]:
         """Rotations from the reference, and drifts of the centroid, in units of the scale."""
         shape = self.shape
         f, _, n = self.positions.shape
@@ -292,7 +277,7 @@ class Displacements:
     """
 
     sequence: MeshSequence
-    start: NDArray[np.float64]
+    start: Floats
     shape: ReferenceShape
     remove_rotation: bool = True
 
@@ -315,9 +300,7 @@ class Displacements:
             )
 
 
-def _centred(
-    positions: NDArray[np.float32] | NDArray[np.float64], shape: ReferenceShape
-) -> NDArray[np.float64]:
+def _centred(positions: NDArray[np.float32] | Floats, shape: ReferenceShape) -> Floats:
     """Positions from the reference's centroid, (frames, 3, vertices), in units of the scale."""
     x = np.empty((len(positions), 3, positions.shape[1]))
     centre = shape.centre[:, None]
@@ -334,10 +317,8 @@ def _centred(
 
 
 def _is_still(
-    positions: NDArray[np.float32] | NDArray[np.float64],
-    start: NDArray[np.float64],
-    shape: ReferenceShape,
-) -> NDArray[np.bool_]:
+    positions: NDArray[np.float32] | Floats, start: Floats, shape: ReferenceShape
+) -> Bools:
     """Frames that repeat the reference bit for bit, at the vertices that are read."""
     # A few vertices rule out nearly all frames that do not.
     probe = slice(None, None, max(1, len(start) // 16))
@@ -345,7 +326,7 @@ def _is_still(
         there = np.ones(len(start), dtype=np.bool_)
         there[shape.ignored] = False
         positions, start = positions[:, there], start[there]
-    likely: NDArray[np.bool_] = (positions[:, probe] == start[probe]).all(axis=(1, 2))
+    likely: Bools = (positions[:, probe] == start[probe]).all(axis=(1, 2))
     likely[likely] = [np.array_equal(x, start) for x in positions[likely]]
     return likely
 
@@ -358,7 +339,7 @@ _N_ROUNDS: Final = 3
 _UNDECIDED: Final = 1e-6
 
 
-def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
+def mean_shape(sequence: MeshSequence) -> Floats:
     """Mean of all frames, each turned and not moved onto it.
 
     Parameters
@@ -379,7 +360,7 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
     scaling; vertices count by their area on the mean shape.
     """
     sequence = _counted_once(sequence)
-    mean: NDArray[np.float64] = sequence.vertices[0].astype(np.float64)
+    mean: Floats = sequence.vertices[0].astype(np.float64)
     for _ in range(_N_ROUNDS):
         shape = ReferenceShape.at(sequence, _shares(sequence, mean), mean)
         step = np.zeros_like(mean.T)
@@ -391,12 +372,12 @@ def mean_shape(sequence: MeshSequence) -> NDArray[np.float64]:
     return _turned_to_the_middle(sequence, mean)
 
 
-def mean_onto(sequence: MeshSequence, reference: int) -> NDArray[np.float64]:
+def mean_onto(sequence: MeshSequence, reference: int) -> Floats:
     """Mean of all frames, each turned and moved onto one of them, (vertices, 3) float64.
 
     Vertices without a share of the surface stay where they are.
     """
-    start: NDArray[np.float64] = sequence.vertices[reference].astype(np.float64)
+    start: Floats = sequence.vertices[reference].astype(np.float64)
     counted = _counted_once(sequence)
     first = sequence.representatives
     shares = np.zeros(len(first))
@@ -416,7 +397,7 @@ def _counted_once(sequence: MeshSequence) -> MeshSequence:
     return replace(sequence, vertices=sequence.vertices[:-1], times=times)
 
 
-def _turned_to_the_middle(sequence: MeshSequence, mean: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turned_to_the_middle(sequence: MeshSequence, mean: Floats) -> Floats:
     """Turn a shape, about its centroid, to where the frames are turned on the mean."""
     shape = ReferenceShape.at(sequence, _shares(sequence, mean), mean)
     total = np.zeros((3, 3))
@@ -427,7 +408,7 @@ def _turned_to_the_middle(sequence: MeshSequence, mean: NDArray[np.float64]) -> 
     middle = kabsch(total[None], _UNDECIDED)
     if not middle.is_determined[0]:
         return mean
-    turned: NDArray[np.float64] = (mean - shape.centre) @ middle.matrices[0].T
+    turned: Floats = (mean - shape.centre) @ middle.matrices[0].T
     return turned + shape.centre
 
 
@@ -442,7 +423,7 @@ def _ends_as_it_began(sequence: MeshSequence) -> bool:
     )
 
 
-def _shares(sequence: MeshSequence, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shares(sequence: MeshSequence, positions: Floats) -> Floats:
     """Share of each vertex in the surface, or in the curve; equal shares without either."""
     topology, faces, grid = sequence.topology, sequence.faces, sequence.grid
     sizes = np.ones(len(positions))
@@ -460,15 +441,15 @@ def _shares(sequence: MeshSequence, positions: NDArray[np.float64]) -> NDArray[n
     total = float(sizes.sum())
     if not total > 0:
         return np.full(len(sizes), 1.0 / len(sizes))
-    shares: NDArray[np.float64] = sizes / total
+    shares: Floats = sizes / total
     return shares
 
 
 # A mean takes up to three passes over all frames, and several steps ask for it.
-_MEANS: WeakKeyDictionary[MeshSequence, dict[Reference, NDArray[np.float64]]] = WeakKeyDictionary()
+_MEANS: WeakKeyDictionary[MeshSequence, dict[Reference, Floats]] = WeakKeyDictionary()
 
 
-def reference_positions(sequence: MeshSequence, reference: Reference) -> NDArray[np.float64]:
+def reference_positions(sequence: MeshSequence, reference: Reference) -> Floats:
     """Give the positions that displacements are measured from.
 
     Parameters
@@ -482,12 +463,12 @@ def reference_positions(sequence: MeshSequence, reference: Reference) -> NDArray
     (vertices, 3) float64, in the sequence's unit
     """
     if reference != MEAN:
-        positions: NDArray[np.float64] = sequence.vertices[reference].astype(np.float64)
+        positions: Floats = sequence.vertices[reference].astype(np.float64)
         return positions
     return middle_positions(sequence, reference)
 
 
-def middle_positions(sequence: MeshSequence, reference: Reference) -> NDArray[np.float64]:
+def middle_positions(sequence: MeshSequence, reference: Reference) -> Floats:
     """Mean of all frames where the reference is: each turned and moved onto it.
 
     Its noise is that of a frame over the root of their number.
@@ -513,8 +494,8 @@ def middle_positions(sequence: MeshSequence, reference: Reference) -> NDArray[np
 def displacements_from(
     reference: Reference,
     sequence: MeshSequence,
-    weights: NDArray[np.float64],
-    isolated: NDArray[np.int64] | None = None,
+    weights: Floats,
+    isolated: Ints | None = None,
     *,
     remove_rotation: bool = True,
 ) -> Displacements:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 
-FloatArray = NDArray[np.float32] | NDArray[np.float64]
+FloatArray = NDArray[np.float32] | Floats
 AnyArray = TypeVar("AnyArray", bound=NDArray[Any])
 
 
@@ -72,19 +72,16 @@ def _unmasked(array: Any, name: str) -> Any:
             remedy="Repair or leave out the frame; missing points are not guessed.",
             frame=place[0],
             vertex=place[1] if len(place) > 1 else None,
-            details={"array": name, "count": len(masked)},
         )
     return array.data
 
 
-def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
+def require_vertices(vertices: Any) -> FloatArray:
     """Check an array of positions: (frames, vertices, 3), real, finite.
 
     Parameters
     ----------
     vertices : array_like
-    name : str
-        Its name in the error.
 
     Returns
     -------
@@ -100,25 +97,22 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
     ParameterError
         If the coordinates are too large or too small for sums and inverses to be numbers.
     """
-    vertices = _unmasked(vertices, name)
+    vertices = _unmasked(vertices, "vertices")
     array = np.asarray(vertices)
     if array.dtype.kind not in "fiu":
         raise ShapeError(
-            f"'{name}' contains {array.dtype}, not numbers.",
+            f"'vertices' contains {array.dtype}, not numbers.",
             remedy="Store float32 or float64 coordinates.",
-            details={"array": name, "dtype": str(array.dtype)},
         )
     if array.ndim != 3 or array.shape[2] != 3:
         raise ShapeError(
-            f"'{name}' has the shape {array.shape}, not (frames, vertices, 3).",
+            f"'vertices' has the shape {array.shape}, not (frames, vertices, 3).",
             remedy="Stack the frames along the first axis; pad flat contours with z = 0.",
-            details={"array": name, "shape": list(array.shape)},
         )
     if array.shape[0] == 0 or array.shape[1] == 0:
         raise ShapeError(
-            f"'{name}' has {array.shape[0]} frames of {array.shape[1]} vertices.",
+            f"'vertices' has {array.shape[0]} frames of {array.shape[1]} vertices.",
             remedy="Send at least one frame with at least one vertex.",
-            details={"array": name, "shape": list(array.shape)},
         )
     dtype = np.float32 if array.dtype == np.float32 else np.float64
     array = np.ascontiguousarray(array, dtype=dtype)
@@ -135,13 +129,12 @@ def require_vertices(vertices: Any, name: str = "vertices") -> FloatArray:
                 remedy="Repair or leave out the frame; missing points are not guessed.",
                 frame=frame,
                 vertex=vertex,
-                details={"array": name, "count": len(bad)},
             )
-    _require_size(array, name, low, high)
+    _require_size(array, low, high)
     return kept(array, vertices)
 
 
-def _require_size(array: FloatArray, name: str, low: float, high: float) -> None:
+def _require_size(array: FloatArray, low: float, high: float) -> None:
     largest = max(-low, high)
     if largest == 0.0 or SMALLEST <= largest <= LARGEST:
         return
@@ -159,7 +152,6 @@ def _require_size(array: FloatArray, name: str, low: float, high: float) -> None
         remedy=f"State lengths in a {'larger' if is_large else 'smaller'} unit.",
         frame=int(frame),
         vertex=int(vertex),
-        details={"array": name},
     )
 
 
@@ -188,7 +180,7 @@ def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
     return rounded
 
 
-def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> NDArray[np.int64]:
+def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> Ints:
     """Check triangles: (faces, 3) integers that name existing vertices.
 
     Parameters
@@ -219,7 +211,6 @@ def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> NDArray[np.
             f"'faces' has the shape {array.shape} and contains {array.dtype}, "
             "not (faces, 3) integers.",
             remedy="Send triangles as zero-based vertex indices.",
-            details={"array": "faces", "shape": list(array.shape)},
         )
     bad = np.argwhere((array < 0) | (array >= n_vertices))
     if bad.size:
@@ -229,7 +220,6 @@ def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> NDArray[np.
             f"(0 to {n_vertices - 1}).",
             remedy=_remedy_for(array, n_vertices, n_frames),
             vertex=int(array[face, corner]),
-            details={"face": face, "n_vertices": n_vertices, "count": len(bad)},
         )
     return kept(np.ascontiguousarray(array, dtype=np.int64), faces)
 
@@ -246,7 +236,7 @@ def _remedy_for(faces: NDArray[Any], n_vertices: int, n_frames: int) -> str:
     return "Use zero-based indices of vertices that every frame contains."
 
 
-def require_times(times: Any, n_frames: int) -> NDArray[np.float64]:
+def require_times(times: Any, n_frames: int) -> Floats:
     """Check time stamps: (frames,) finite, strictly increasing.
 
     Returns
@@ -267,7 +257,6 @@ def require_times(times: Any, n_frames: int) -> NDArray[np.float64]:
             f"'times' has the shape {array.shape} and contains {array.dtype}; "
             f"{n_frames} frames need ({n_frames},) numbers.",
             remedy="Send one time in seconds for each frame, or none at all.",
-            details={"array": "times", "shape": list(array.shape)},
         )
     array = np.ascontiguousarray(array, dtype=np.float64)
     if not np.isfinite(array).all():
@@ -329,13 +318,13 @@ class Uncertainty(FrozenArrays):
     """
 
     source: str
-    shapes: NDArray[np.float64]
-    across: NDArray[np.float64]
-    along: NDArray[np.float64]
-    rest: NDArray[np.float64]
-    alike: NDArray[np.float64]
+    shapes: Floats
+    across: Floats
+    along: Floats
+    rest: Floats
+    alike: Floats
     between_frames: float = 0.0
-    volumes: NDArray[np.float64] | None = None
+    volumes: Floats | None = None
     volume_correlation: float = 0.0
     papillary_volume: float = 0.0
     notes: tuple[str, ...] = ()

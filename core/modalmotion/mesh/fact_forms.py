@@ -179,7 +179,7 @@ def facts_from_texts(texts: Mapping[str, Any]) -> Facts:
         If one cannot be read or is out of range, or is stated twice.
     """
     values: dict[str, Any] = {}
-    singles: dict[str, dict[str, Any]] = {"landmarks": {}, "covariates": {}}
+    singles: dict[str, list[tuple[str, Any]]] = {"landmarks": [], "covariates": []}
     for name, text in texts.items():
         content = text.strip() if isinstance(text, str) else text
         if content is None or content == "":
@@ -188,7 +188,7 @@ def facts_from_texts(texts: Mapping[str, Any]) -> Facts:
         if prefix is not None:
             own = name.partition(":")[2].strip()
             require_fact_name(prefix, own)
-            _put(singles[_PREFIXES[prefix]], prefix, own, _value(prefix, own, content))
+            singles[_PREFIXES[prefix]].append((own, _value(prefix, own, content)))
         elif isinstance(content, str):
             values[name] = _fact(name, content)
         else:
@@ -196,16 +196,10 @@ def facts_from_texts(texts: Mapping[str, Any]) -> Facts:
     for name, single in singles.items():
         stated = values.get(name, {})
         if single and isinstance(stated, Mapping):
-            values[name] = dict(stated)
-            for own, value in single.items():
-                _put(values[name], name[:-1], own, value)
+            # Pairs, of which facts refuse a name that is stated twice.
+            known = [(own, value) for own, value in stated.items() if value is not None]
+            values[name] = [*known, *single]
     return facts_from_json(values)
-
-
-def _put(values: dict[str, Any], kind: str, name: str, value: Any) -> None:
-    if name in values:
-        raise stated_twice(kind, name, name)
-    values[name] = value
 
 
 def _fact(name: str, text: str) -> Any:

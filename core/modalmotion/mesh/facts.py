@@ -275,14 +275,21 @@ NAMES: Final = tuple(f.name for f in fields(Facts))
 """All facts, in their order."""
 
 
+def _finite(value: Any) -> float | None:
+    """Return a finite real number, and None of anything else."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
 def _period(value: Any) -> float:
-    if isinstance(value, Real) and not isinstance(value, bool):
-        try:
-            period = float(value)
-        except OverflowError:
-            period = math.inf
-        if math.isfinite(period) and period > 0:
-            return period
+    period = _finite(value)
+    if period is not None and period > 0:
+        return period
     raise ParameterError(
         f"The period is {str(value)[:40]!r}.",
         remedy="Use a finite number of seconds above zero, or leave it out.",
@@ -307,14 +314,9 @@ def _covariate(name: str, value: Any) -> float | str:
     # The value is left out: messages reach logs.
     if isinstance(value, str) and _is_plain(value, LONGEST_WORD):
         return value
-    if isinstance(value, Real) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if math.isfinite(number):
-            # One form for each number: 61 and 61.0 are written alike.
-            return int(number) if number.is_integer() and abs(number) < _EXACT else number
+    if (number := _finite(value)) is not None:
+        # One form for each number: 61 and 61.0 are written alike.
+        return int(number) if number.is_integer() and abs(number) < _EXACT else number
     raise ParameterError(
         f"The covariate '{name}' is neither a finite number nor a short word.",
         remedy=f"Give a finite number, or a word of 1 to {LONGEST_WORD} printable characters; "

@@ -17,16 +17,14 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.mesh.triangles import corners_of, face_normals
 from modalmotion.numeric.native import run
 from modalmotion.progress import ShareReport, share_fallen, silent
+from modalmotion.representation import Floats, Ints
 
 
-def cotangent_laplacian(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64]
-) -> scipy.sparse.csc_array:
+def cotangent_laplacian(vertices: Floats, faces: Ints) -> scipy.sparse.csc_array:
     """Stiffness of linear elements: minus the Laplacian, weighted by cotangents.
 
     Parameters
@@ -63,7 +61,7 @@ def cotangent_laplacian(
     return _symmetric(n, np.concatenate(rows), np.concatenate(columns), np.concatenate(values))
 
 
-def graph_laplacian(edges: NDArray[np.int64], n_vertices: int) -> scipy.sparse.csc_array:
+def graph_laplacian(edges: Ints, n_vertices: int) -> scipy.sparse.csc_array:
     """Stiffness of equal springs along the edges: degree minus adjacency.
 
     Parameters
@@ -79,12 +77,7 @@ def graph_laplacian(edges: NDArray[np.int64], n_vertices: int) -> scipy.sparse.c
     return _symmetric(n_vertices, edges[:, 0], edges[:, 1], np.full(len(edges), -1.0))
 
 
-def _symmetric(
-    n: int,
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-    values: NDArray[np.float64],
-) -> scipy.sparse.csc_array:
+def _symmetric(n: int, rows: Ints, columns: Ints, values: Floats) -> scipy.sparse.csc_array:
     off = scipy.sparse.csc_array((values, (rows, columns)), shape=(n, n))
     off = off + off.T
     diagonal = -np.asarray(off.sum(axis=0)).ravel()
@@ -92,8 +85,6 @@ def _symmetric(
         off + scipy.sparse.csc_array((diagonal, (np.arange(n), np.arange(n))), shape=(n, n)),
     )
 
-
-Floats = NDArray[np.float64]
 
 # Couplings below this share of the diagonals join no group: with less, thin triangles slow it.
 _STRONG: Final = 0.08
@@ -240,8 +231,8 @@ LARGE: Final = 50_000
 
 
 def solve_positive_definite(
-    matrix: scipy.sparse.csc_array, right: NDArray[np.float64], report: ShareReport = silent
-) -> NDArray[np.float64]:
+    matrix: scipy.sparse.csc_array, right: Floats, report: ShareReport = silent
+) -> Floats:
     """Solve a sparse symmetric positive definite system.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Mesh sequences: one connectivity, positions over time."""
+"""Mesh sequences: one connectivity, positions over time; HDF5 files, and standard surfaces."""
 
 from __future__ import annotations
 
@@ -6,145 +6,42 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Recorded
-from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.errors import ParameterError, ShapeError, TopologyError
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
 from modalmotion.mesh.checks import (
     FloatArray,
     Uncertainty,
+    given_up,
     require_faces,
     require_times,
     require_vertices,
 )
+from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
 from modalmotion.mesh.facts import NO_FACTS, Facts
-from modalmotion.mesh.triangles import connectivity_of
-from modalmotion.modes.topology import Topology, require_shape
-from modalmotion.representation import FrozenArrays, counted, shown
-
-
-def first_at_place(vertices: FloatArray) -> NDArray[np.int64]:
-    """Find for each vertex the first one that lies exactly where it is in every frame.
-
-    Vertices that only meet, in some frames, stay apart.
-
-    Parameters
-    ----------
-    vertices : (frames, vertices, 3) float32 or float64
-        Finite. 0 and -0 are the same place.
-
-    Returns
-    -------
-    (vertices,) int64
-        The vertex itself where no other has all of its places.
-    """
-    first = np.arange(vertices.shape[1])
-    # Equal places have equal keys, and hardly others: of points on a lattice none.
-    x, y, z = vertices[0].T.astype(np.float64)
-    _, groups, counts = np.unique(
-        0.31415927 * x + 0.27182818 * y + 0.17320508 * z, return_inverse=True, return_counts=True
-    )
-    others = np.flatnonzero(counts[groups] > 1)
-    names = groups[others]
-    for positions in vertices if len(others) else ():
-        names = _grouped(positions[others], others, names)
-    first[others] = names
-    return first
-
-
-def _grouped(
-    rows: FloatArray, vertices: NDArray[np.int64], groups: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """First vertex of those with the same row in the same group, for each; vertices increase."""
-    order = np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0], groups))
-    starts = np.ones(len(order), dtype=np.bool_)
-    starts[1:] = groups[order[1:]] != groups[order[:-1]]
-    starts[1:] |= (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
-    # lexsort is stable, so the first of a run is its smallest.
-    names = np.empty_like(vertices)
-    names[order] = vertices[order[starts]][np.cumsum(starts) - 1]
-    return names
-
-
-def representatives_of(vertices: FloatArray, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Merge vertices that coincide in every frame, where that joins the surface.
-
-    Vertices at one place are one where border edges are on each other (two rims, a seam), where
-    a triangle repeats another, along an edge without length, and where a vertex is in no
-    triangle. A surface that only touches itself in a point, or along edges that have their two
-    triangles, stays as it is: joined there, it would not be a surface.
-
-    Parameters
-    ----------
-    vertices : (frames, vertices, 3) float32 or float64
-    faces : (faces, 3) int64
-
-    Returns
-    -------
-    (vertices,) int64
-        For each the first of the vertices that are one with it.
-    """
-    first = first_at_place(vertices)
-    n = len(first)
-    if (first == np.arange(n)).all():
-        return first
-    pairs = [
-        _pairs_of_rows(first, _border(faces, n)),
-        _pairs_of_rows(first, faces),
-        _without_length(first, faces),
-        _unused(first, faces),
-    ]
-    one, other = np.concatenate(pairs, axis=1)
-    graph = scipy.sparse.coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(n, n))
-    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    _, smallest = np.unique(labels, return_index=True)
-    merged: NDArray[np.int64] = smallest[labels]
-    return merged
-
-
-def _pairs_of_rows(first: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pairs of vertices of edges or triangles that are on each other, (2, pairs)."""
-    # Each row in the order of its places, so that columns belong together.
-    rows = np.take_along_axis(rows, np.argsort(first[rows], axis=1, kind="stable"), axis=1)
-    places = first[rows]
-    # What is a point or an edge only is on itself.
-    proper = (places[:, 1:] != places[:, :-1]).all(axis=1)
-    rows, places = rows[proper], places[proper]
-    order = np.lexsort(places.T)
-    rows, places = rows[order], places[order]
-    same = (places[1:] == places[:-1]).all(axis=1)
-    return np.stack([rows[:-1][same].ravel(), rows[1:][same].ravel()])
-
-
-def _border(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
-    """Edges of one triangle, (edges, 2)."""
-    connectivity = connectivity_of(faces, n_vertices)
-    border: NDArray[np.int64] = connectivity.edges[connectivity.faces_at_edge == 1]
-    return border
-
-
-def _without_length(first: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pair the ends of each edge that is in one place, (2, pairs)."""
-    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    pairs: NDArray[np.int64] = sides[first[sides[:, 0]] == first[sides[:, 1]]].T
-    return pairs
-
-
-def _unused(first: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Vertices in no triangle, each with one at its place that is in one, (2, pairs)."""
-    used = np.zeros(len(first), dtype=np.bool_)
-    used[faces.ravel()] = True
-    at_place = first.copy()
-    # The last assignment stays: the first vertex in use, where there is one.
-    backwards = np.flatnonzero(used)[::-1]
-    at_place[first[backwards]] = backwards
-    unused = np.flatnonzero(~used)
-    return np.stack([unused, at_place[first[unused]]])
-
+from modalmotion.mesh.triangles import representatives_of
+from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.topology import (
+    CLOSED,
+    CLOSED_CURVE,
+    CUP,
+    CYLINDER,
+    OPEN_CURVE,
+    PLANE,
+    SPHERE,
+    TORUS,
+    Topology,
+    lattice_coordinates,
+    require_shape,
+)
+from modalmotion.representation import Floats, FrozenArrays, Ints, counted, shown
 
 MM_PER_UNIT: Final[dict[str, float]] = {
     "m": 1e3,
@@ -189,10 +86,10 @@ class MeshSequence(FrozenArrays, Recorded):
     """
 
     vertices: FloatArray
-    faces: NDArray[np.int64]
+    faces: Ints
     grid: tuple[int, ...] | None = None
     topology: Topology | None = None
-    times: NDArray[np.float64] | None = None
+    times: Floats | None = None
     unit: str | None = None
     facts: Facts = NO_FACTS
     uncertainty: Uncertainty | None = None
@@ -218,7 +115,7 @@ class MeshSequence(FrozenArrays, Recorded):
         return None if self.times is None else float(self.times[-1] - self.times[0])
 
     @property
-    def volumes(self) -> NDArray[np.float64]:
+    def volumes(self) -> Floats:
         """Volume enclosed in each frame, openings capped: (frames,) float64, length unit cubed."""
         return self.readouts().mesh_curve.volumes
 
@@ -255,7 +152,7 @@ class MeshSequence(FrozenArrays, Recorded):
         return digest.hexdigest()
 
     @cached_property
-    def representatives(self) -> NDArray[np.int64]:
+    def representatives(self) -> Ints:
         """Vertex that represents each, (vertices,) int64: see `representatives_of`.
 
         The vertex itself where it is alone, and on curves and lattices, whose order says which
@@ -407,7 +304,6 @@ def _require_grid(grid: tuple[int, ...] | None, topology: Topology | None, n_ver
         raise ShapeError(
             f"A grid of {' x '.join(map(str, grid))} nodes does not fit {n_vertices} vertices.",
             remedy="The product of the grid must be the number of vertices.",
-            details={"grid": list(grid), "n_vertices": n_vertices},
         )
     if topology is not None:
         require_shape(topology, grid)
@@ -465,3 +361,149 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
         )
     distinct = np.delete(order, repeats)
     return vertices[distinct], stamps[distinct].astype(np.float64), tuple(notes)
+
+
+FORM: Final = Form("sequence", 2)
+"""Version 1 had no facts."""
+
+TRACK: Final = Form("track", 3)
+"""Of a track, which contains its sequence in the same way."""
+
+
+def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
+    """Write a mesh sequence as a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+
+    Returns
+    -------
+    bytes
+        The same for the same sequence.
+    """
+    unit = sequence.unit or UNKNOWN
+    vertices = sequence.vertices.astype(sequence.vertices.dtype.newbyteorder("<"), copy=False)
+    datasets = [
+        Dataset("vertices", vertices, unit, "frame, vertex, direction"),
+        Dataset("faces", sequence.faces.astype("<i8", copy=False), "1", "face, corner"),
+        json_text("facts", facts_as_json(sequence.facts)),
+    ]
+    if sequence.times is not None:
+        datasets.append(Dataset("times", sequence.times, "s", "frame"))
+    return FORM.image(
+        {"sequence_id": sequence.id},
+        datasets,
+        unit=unit,
+        topology=None if sequence.topology is None else sequence.topology.name,
+        grid=sequence.grid,
+    )
+
+
+def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
+    """Read a mesh sequence, bit for bit as written.
+
+    Parameters
+    ----------
+    source : bytes or Path
+    form : Form
+        `TRACK` reads the sequence of a track, without its errors.
+
+    Raises
+    ------
+    StoreError
+        As in `Form.read`.
+    """
+    return read_sequence(source, form)[0]
+
+
+def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence, Contents]:
+    """Read a mesh sequence together with the contents of its file."""
+    with form.read(source) as contents:
+        sequence = mesh_sequence(
+            given_up(contents.array("vertices", (None, None, 3))),
+            contents.array("faces", (None, 3)),
+            grid=contents.attributes.get("grid"),
+            topology=contents.optional_text("topology"),
+            times=contents.arrays.get("times"),
+            unit=contents.unit,
+            facts=facts_from_json(contents.json("facts", dict)),
+        )
+        return sequence, contents
+
+
+def lattice_faces(topology: Topology, shape: tuple[int, ...]) -> Ints:
+    """Triangles that join the nodes of a two-axis lattice: each cell in two.
+
+    Returns
+    -------
+    (faces, 3) int64
+        Poles stay open: the ring of nodes next to a pole bounds a hole half a step wide.
+    """
+    rows, columns = shape
+    index = np.arange(rows * columns).reshape(shape)
+    for axis, ends in enumerate(topology.ends):
+        if ends == CLOSED and shape[axis] > 2:
+            index = np.concatenate([index, np.take(index, [0], axis=axis)], axis=axis)
+    a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
+    c, d = index[1:, :-1].ravel(), index[1:, 1:].ravel()
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)])
+
+
+# Circumference one turn of radius 1; the axis 0.55 of it, as in the order of modes.
+_AXIS: Final = 0.55 * 2.0 * np.pi
+_TUBE: Final = 0.45
+
+
+def standard_surface(lattice: Lattice) -> MeshSequence:
+    """Place a lattice in space, radius 1.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        A curve or a surface.
+
+    Returns
+    -------
+    MeshSequence
+        One frame, without a unit: a straight line, a circle, a flat plane, a tube, a torus, half
+        a spheroid or a sphere.
+
+    Raises
+    ------
+    TopologyError
+        If its topology is another.
+    """
+    topology = lattice.topology
+    coordinates = lattice_coordinates(topology, lattice.shape)
+    s, theta = coordinates[:, 0], 2.0 * np.pi * coordinates[:, -1]
+    if topology == OPEN_CURVE:
+        x = _points(_AXIS * (s - 0.5), 0.0 * s, 0.0 * s)
+    elif topology == CLOSED_CURVE:
+        x = _points(np.cos(theta), np.sin(theta), 0.0 * s)
+    elif topology == PLANE:
+        x = _points(theta - np.pi, _AXIS * (s - 0.5), 0.0 * s)
+    elif topology == CYLINDER:
+        x = _points(np.cos(theta), np.sin(theta), _AXIS * (s - 0.5))
+    elif topology == TORUS:
+        tube = 2.0 * np.pi * s
+        r = 1.0 + _TUBE * np.cos(tube)
+        x = _points(r * np.cos(theta), r * np.sin(theta), _TUBE * np.sin(tube))
+    elif topology == CUP:
+        nu = 0.5 * np.pi * s
+        r = np.sin(nu)
+        x = _points(r * np.cos(theta), r * np.sin(theta), -2.0 * np.cos(nu))
+    elif topology == SPHERE:
+        r = np.sin(np.pi * s)
+        x = _points(r * np.cos(theta), r * np.sin(theta), -np.cos(np.pi * s))
+    else:
+        raise TopologyError(
+            f"A lattice {topology} is not a surface.",
+            remedy="Use an open or closed curve, plane, cylinder, torus, cup or sphere.",
+        )
+    faces = lattice_faces(topology, lattice.shape) if topology.n_axes == 2 else None
+    return mesh_sequence(x[None], faces, grid=lattice.shape, topology=topology)
+
+
+def _points(*columns: Floats) -> Floats:
+    return np.stack(columns, axis=1)

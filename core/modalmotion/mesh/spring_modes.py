@@ -11,7 +11,7 @@ the space alone. That also fixes the sign of every vector.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, Final, TypeAlias
 
@@ -24,7 +24,7 @@ from modalmotion.mesh.laplacian import graph_laplacian
 from modalmotion.mesh.triangles import connectivity_of
 from modalmotion.modes.mode_set import ModeSet, lowest_modes
 from modalmotion.modes.topology import ModeLabel, Surface
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
 
 
 @shown()
@@ -38,13 +38,18 @@ class SpringModes(FrozenArrays):
         Squared angular frequencies for K = M = 1, in increasing order.
     connectivity_id : str
         sha256 of the edges in hex: amplitudes compare where it is the same.
+    shapes : (vertices, modes) float64, optional
+        Mean square 1 over the vertices in use, zero at those in no triangle; no rows if they are
+        not solved for. Not part of equality.
     """
 
-    eigenvalues: NDArray[np.float64]
+    eigenvalues: Floats
     connectivity_id: str
+    shapes: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        self.eigenvalues.setflags(write=False)
+        for array in (self.eigenvalues, self.shapes):
+            array.setflags(write=False)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SpringModes):
@@ -67,12 +72,12 @@ class SpringModes(FrozenArrays):
         return
 
     @cached_property
-    def wavenumbers(self) -> NDArray[np.int64]:
+    def wavenumbers(self) -> Ints:
         """Place of each mode in the order, (modes, 1) int64."""
         return np.arange(len(self))[:, None]
 
     @cached_property
-    def is_sine(self) -> NDArray[np.bool_]:
+    def is_sine(self) -> Bools:
         """False for every mode: spring modes have no pairs."""
         return np.zeros(len(self), dtype=np.bool_)
 
@@ -92,7 +97,7 @@ class SpringModes(FrozenArrays):
         """These modes without their shapes."""
         return SpringModes(self.eigenvalues, self.connectivity_id)
 
-    def take(self, indices: NDArray[np.int64]) -> SpringModes:
+    def take(self, indices: Ints) -> SpringModes:
         """First modes.
 
         Raises
@@ -105,14 +110,18 @@ class SpringModes(FrozenArrays):
                 "Spring modes of one mesh are named by their rank and come in its order only.",
                 remedy="Take the first of them, or set a topology that fits the surface.",
             )
-        return SpringModes(self.eigenvalues[: len(indices)], self.connectivity_id)
+        n = len(indices)
+        shapes = np.ascontiguousarray(self.shapes[:, :n])
+        return SpringModes(self.eigenvalues[:n], self.connectivity_id, shapes)
 
-    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
-        """Solve for the shapes on the mesh that they belong to, (vertices, modes) float64."""
+    def shapes_on(self, surface: Surface) -> Floats:
+        """Shapes on their mesh, (vertices, modes) float64: their own, or solved for."""
+        if len(self.shapes):
+            return self.shapes
         springs = spring_modes(surface.faces, len(surface.vertices), len(self))
-        return springs.at(surface.representatives).shapes
+        return springs.shapes[surface.representatives]
 
-    def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
+    def frequencies_on(self, surface: Surface, wave_speed: float) -> Floats:
         """Frequencies of springs that carry long waves at `wave_speed`, (modes,) rad per s."""
         mesh = connectivity_of(surface.faces, len(surface.vertices))
         steps = surface.vertices[mesh.edges[:, 0]] - surface.vertices[mesh.edges[:, 1]]
@@ -124,13 +133,13 @@ class SpringModes(FrozenArrays):
         # Springs of length a, z to a vertex, carry long waves at c^2 = (K/M) z a^2 / 4.
         # Neither length is squared: their ratio is usual in every unit.
         factor = 2 * (wave_speed / edge_length) / float(np.sqrt(valence))
-        frequencies: NDArray[np.float64] = factor * np.sqrt(np.maximum(self.eigenvalues, 0.0))
+        frequencies: Floats = factor * np.sqrt(np.maximum(self.eigenvalues, 0.0))
         return frequencies
 
     def length_of(
         self,
         lengths: tuple[float, ...],  # noqa: ARG002 (a mesh without coordinates has none)
-        angular_frequencies: NDArray[np.float64],
+        angular_frequencies: Floats,
         wave_speed: float,
     ) -> float:
         """RMS edge times a constant of the mesh; 1 if the highest frequency is zero."""
@@ -145,7 +154,7 @@ Modes: TypeAlias = ModeSet | SpringModes
 """Modes in an order, by name: equal, with equal hashes, where their names are."""
 
 
-def wave_pairs(modes: Modes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def wave_pairs(modes: Modes) -> tuple[Ints, Ints]:
     """Find the cosine and the sine of each wave vector.
 
     Returns
@@ -160,7 +169,7 @@ def wave_pairs(modes: Modes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return cosines, np.array(sines, dtype=np.int64)
 
 
-def whole_counts(modes: Modes) -> NDArray[np.int64]:
+def whole_counts(modes: Modes) -> Ints:
     """Numbers of first modes that split no cosine-sine pair, increasing, the last one included."""
     return np.append(np.flatnonzero(~modes.is_sine[1:]) + 1, len(modes))
 
@@ -184,39 +193,7 @@ def common_count(modes: Modes) -> int:
     return n - int(usual.is_sine[n])
 
 
-@shown()
-@dataclass(frozen=True, eq=False)
-class SolvedSpringModes(SpringModes):
-    """Spring modes with their shapes.
-
-    Parameters
-    ----------
-    shapes : (vertices, modes) float64
-        Mean square 1 over the vertices in use; zero at those in no triangle.
-    """
-
-    shapes: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.shapes.setflags(write=False)
-
-    def take(self, indices: NDArray[np.int64]) -> SolvedSpringModes:
-        """First modes, with their shapes: see `SpringModes.take`."""
-        names = super().take(indices)
-        shapes = np.ascontiguousarray(self.shapes[:, : len(indices)])
-        return SolvedSpringModes(names.eigenvalues, names.connectivity_id, shapes)
-
-    def at(self, vertices: NDArray[np.int64]) -> SolvedSpringModes:
-        """Shapes at these vertices: those that stand for each, (vertices,) int64."""
-        return SolvedSpringModes(self.eigenvalues, self.connectivity_id, self.shapes[vertices])
-
-    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:  # noqa: ARG002
-        """Return the shapes, (vertices, modes) float64, which belong to one mesh."""
-        return self.shapes
-
-
-def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> SolvedSpringModes:
+def spring_modes(faces: Ints, n_vertices: int, n_modes: int) -> SpringModes:
     """Lowest spring modes of a mesh.
 
     Parameters
@@ -228,7 +205,7 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Sol
 
     Returns
     -------
-    SolvedSpringModes
+    SpringModes
         Mode 0 is constant over the whole mesh; if there are several pieces, the next ones are
         constant on each, the largest piece first, equal ones in the order of first vertices.
 
@@ -258,10 +235,10 @@ def spring_modes(faces: NDArray[np.int64], n_vertices: int, n_modes: int) -> Sol
     shapes[used] = vectors * np.sqrt(n)
     digest = hashlib.sha256(str(n_vertices).encode())
     digest.update(np.ascontiguousarray(connectivity.edges.astype("<i8")).data)
-    return SolvedSpringModes(np.maximum(values, 0.0), digest.hexdigest(), shapes)
+    return SpringModes(np.maximum(values, 0.0), digest.hexdigest(), shapes)
 
 
-def _indicators(edges: NDArray[np.int64], n: int) -> NDArray[np.float64]:
+def _indicators(edges: Ints, n: int) -> Floats:
     """One on everything, then one on each piece, the largest first."""
     graph = scipy.sparse.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
     _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
@@ -300,8 +277,8 @@ _FAINT: Final = 1e-3
 
 
 def lowest_eigenpairs(
-    matrix: scipy.sparse.csc_array, n_pairs: int, first_probes: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    matrix: scipy.sparse.csc_array, n_pairs: int, first_probes: Floats
+) -> tuple[Floats, Floats]:
     """Lowest eigenvalues and eigenvectors of a positive semidefinite matrix.
 
     Parameters
@@ -330,7 +307,6 @@ def lowest_eigenpairs(
         raise ModeCountError(
             f"{n_pairs} modes were requested; there are {n}.",
             remedy=f"Ask for 1 to {n} modes.",
-            details={"modes": n_pairs, "most": n},
         )
     scale = float(np.abs(matrix).sum(axis=0).max())
     count = n_pairs
@@ -349,9 +325,7 @@ def lowest_eigenpairs(
     return values[:n_pairs], np.concatenate(basis, axis=1)[:, :n_pairs]
 
 
-def _solve(
-    matrix: scipy.sparse.csc_array, count: int, scale: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _solve(matrix: scipy.sparse.csc_array, count: int, scale: float) -> tuple[Floats, Floats]:
     n = matrix.shape[0]
     if n <= _DENSE or count > n // 3:
         values, vectors = scipy.linalg.eigh(matrix.toarray())
@@ -383,7 +357,6 @@ def _solve(
             f"The lowest {count} spring modes of {n} vertices could not all be solved for: too "
             "many frequencies coincide.",
             remedy="Ask for fewer modes, or state a topology.",
-            details={"modes": count},
         )
     values, vectors = scipy.linalg.eigh(matrix.toarray())
     return values[:count], vectors[:, :count]
@@ -409,19 +382,17 @@ def _n_below(matrix: scipy.sparse.csc_array, value: float) -> int:
     return int((factors.U.diagonal() < 0).sum())
 
 
-def _groups(values: NDArray[np.float64], scale: float) -> list[slice]:
+def _groups(values: Floats, scale: float) -> list[slice]:
     """Find runs of eigenvalues that coincide."""
     gaps = np.diff(values) > _SAME * np.abs(values[1:]) + _ZERO * scale
     starts = [0, *(np.flatnonzero(gaps) + 1).tolist()]
     return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(values)], strict=True)]
 
 
-def _canonical(
-    space: NDArray[np.float64], first_probes: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _canonical(space: Floats, first_probes: Floats) -> Floats:
     """Give a space the basis that the probes span in it, one after the other."""
     n, k = space.shape
-    vectors: list[NDArray[np.float64]] = []
+    vectors: list[Floats] = []
     expected = np.sqrt(k / n)
     for index in range(first_probes.shape[1] + 50 * k):
         if index < first_probes.shape[1]:
@@ -438,14 +409,14 @@ def _canonical(
             vectors.append(inside / length)
             if len(vectors) == k:
                 break
-    basis: NDArray[np.float64] = space @ np.stack(vectors, axis=1)
+    basis: Floats = space @ np.stack(vectors, axis=1)
     return basis
 
 
-def _irregular(n: int, index: int) -> NDArray[np.float64]:
+def _irregular(n: int, index: int) -> Floats:
     """Return a fixed vector without pattern: fractional parts of multiples of a square root."""
     step = np.sqrt(_prime(index + 1))
-    vector: NDArray[np.float64] = np.modf(np.arange(1, n + 1) ** 2 * (step % 1.0))[0] - 0.5
+    vector: Floats = np.modf(np.arange(1, n + 1) ** 2 * (step % 1.0))[0] - 0.5
     return vector
 
 

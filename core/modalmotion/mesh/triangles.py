@@ -1,6 +1,7 @@
-"""Connectivity, areas, normals and gradients of triangle meshes and curves.
+"""Connectivity, areas, normals and gradients of triangle meshes and curves; merged vertices.
 
-All take vertices whose squares neither overflow nor vanish: `make_template` scales them first.
+Areas, normals and gradients need vertices whose squares neither overflow nor vanish:
+`make_template` scales them first.
 """
 
 from __future__ import annotations
@@ -9,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from modalmotion.mesh.checks import FloatArray
 from modalmotion.modes.topology import CLOSED_CURVE, OPEN_CURVE, Topology
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 
 
 @shown()
@@ -43,23 +44,23 @@ class Connectivity:
         Boundary vertices in which two strips of triangles meet in a point.
     """
 
-    edges: NDArray[np.int64]
-    faces_at_edge: NDArray[np.int64]
-    loops: tuple[NDArray[np.int64], ...]
-    isolated: NDArray[np.int64]
+    edges: Ints
+    faces_at_edge: Ints
+    loops: tuple[Ints, ...]
+    isolated: Ints
     n_components: int
     euler_characteristic: int
-    degenerate: NDArray[np.int64]
-    repeated: NDArray[np.int64]
-    pinched: NDArray[np.int64]
+    degenerate: Ints
+    repeated: Ints
+    pinched: Ints
 
     @property
-    def left_out(self) -> NDArray[np.int64]:
+    def left_out(self) -> Ints:
         """Triangles that do not count, (n,) int64."""
         return np.union1d(self.degenerate, self.repeated)
 
     @property
-    def non_manifold_edges(self) -> NDArray[np.int64]:
+    def non_manifold_edges(self) -> Ints:
         """Edges of three triangles or more, (n, 2) int64."""
         return self.edges[self.faces_at_edge > 2]
 
@@ -81,19 +82,8 @@ class Connectivity:
             parts.append(f"{len(self.pinched)} vertices in which boundaries touch")
         return ", ".join(parts)
 
-    def details(self) -> dict[str, object]:
-        """Return the counts, ready for JSON."""
-        return {
-            "components": self.n_components,
-            "boundary_loops": len(self.loops),
-            "euler_characteristic": self.euler_characteristic,
-            "non_manifold_edges": len(self.non_manifold_edges),
-            "pinched_vertices": len(self.pinched),
-            "isolated_vertices": len(self.isolated),
-        }
 
-
-def connectivity_of(faces: NDArray[np.int64], n_vertices: int) -> Connectivity:
+def connectivity_of(faces: Ints, n_vertices: int) -> Connectivity:
     """Find edges, loops, pieces and handles.
 
     Parameters
@@ -134,9 +124,7 @@ def connectivity_of(faces: NDArray[np.int64], n_vertices: int) -> Connectivity:
     )
 
 
-def _sides(
-    faces: NDArray[np.int64], n_vertices: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _sides(faces: Ints, n_vertices: int) -> tuple[Ints, Ints]:
     """Edges, each as one integer, in increasing order, and the triangles at each."""
     # One integer a side: sorting integers makes this linear in practice.
     start, end = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
@@ -145,7 +133,7 @@ def _sides(
     )
 
 
-def _repeated(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def _repeated(faces: Ints) -> Ints:
     """Triangles whose three vertices are those of an earlier one."""
     a, b, c = np.sort(faces, axis=1).T
     order = np.lexsort((c, b, a))
@@ -153,7 +141,7 @@ def _repeated(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.sort(order[1:][(rows[1:] == rows[:-1]).all(axis=1)])
 
 
-def grouped_edges(edges: NDArray[np.int64], n_vertices: int) -> list[NDArray[np.int64]]:
+def grouped_edges(edges: Ints, n_vertices: int) -> list[Ints]:
     """Group edges by connection, largest number of edges first.
 
     Parameters
@@ -177,7 +165,7 @@ def grouped_edges(edges: NDArray[np.int64], n_vertices: int) -> list[NDArray[np.
     return sorted(groups, key=lambda group: (-len(group), int(group.min())))
 
 
-def oriented_faces(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64] | None:
+def oriented_faces(faces: Ints, n_vertices: int) -> Ints | None:
     """Wind all triangles the same way round, as the first one of each piece.
 
     Returns
@@ -215,17 +203,17 @@ def oriented_faces(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int6
     return np.where(turn[:, None], faces[:, ::-1], faces)
 
 
-def _labels(edges: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
+def _labels(edges: Ints, n_vertices: int) -> Ints:
     graph = scipy.sparse.coo_array(
         (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])),
         shape=(n_vertices, n_vertices),
     )
     _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    numbers: NDArray[np.int64] = labels.astype(np.int64)
+    numbers: Ints = labels.astype(np.int64)
     return numbers
 
 
-def face_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+def face_normals(vertices: Floats, faces: Ints) -> Floats:
     """Cross product of two sides of each triangle.
 
     Returns
@@ -243,9 +231,7 @@ def face_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDA
     return normals
 
 
-def corners_of(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def corners_of(vertices: Floats, faces: Ints) -> tuple[Floats, Floats, Floats]:
     """Places of the first, second and third corners, each (faces, 3) and a copy."""
     # `take` reads a vertex at once; indexing, or axis by axis, takes three times as long where
     # neighbours are far apart in memory.
@@ -253,14 +239,14 @@ def corners_of(
     return first, second, third
 
 
-def face_areas(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+def face_areas(vertices: Floats, faces: Ints) -> Floats:
     """Area of each triangle, (faces,) float64, length unit squared."""
     normals = face_normals(vertices, faces)
-    areas: NDArray[np.float64] = 0.5 * np.sqrt(np.einsum("ij,ij->i", normals, normals))
+    areas: Floats = 0.5 * np.sqrt(np.einsum("ij,ij->i", normals, normals))
     return areas
 
 
-def vertex_areas(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
     """Third of the area of the triangles around each vertex.
 
     Returns
@@ -269,18 +255,13 @@ def vertex_areas(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDA
         Zero at vertices in no triangle.
     """
     thirds = np.repeat(face_areas(vertices, faces) / 3.0, 3)
-    areas: NDArray[np.float64] = np.bincount(
-        faces.ravel(), weights=thirds, minlength=len(vertices)
-    ).astype(np.float64)
+    areas: Floats = np.bincount(faces.ravel(), weights=thirds, minlength=len(vertices)).astype(
+        np.float64
+    )
     return areas
 
 
-def mean_slopes(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    values: NDArray[np.float64],
-    gradients: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def mean_slopes(vertices: Floats, faces: Ints, values: Floats, gradients: Floats) -> Floats:
     """Differentiate means of functions over the area by the positions.
 
     F = sum A m / sum A with areas A and means m over corners: dF = sum ((m - F) dA + A dm) / sum A.
@@ -303,7 +284,7 @@ def mean_slopes(
     means = values[:, faces].mean(axis=2)
     means -= (means @ areas / total)[:, None]
     shares = np.bincount(faces.ravel(), np.repeat(areas / (3.0 * total), 3), len(vertices))
-    slopes: NDArray[np.float64] = gradients * shares[:, None]
+    slopes: Floats = gradients * shares[:, None]
     for k in range(3):
         side = vertices[faces[:, (k + 2) % 3]] - vertices[faces[:, (k + 1) % 3]]
         growth = np.cross(unit, side) / (2.0 * total)
@@ -314,9 +295,7 @@ def mean_slopes(
     return slopes
 
 
-def face_gradients(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], values: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def face_gradients(vertices: Floats, faces: Ints, values: Floats) -> Floats:
     """Gradient on each triangle of a function that is linear on it.
 
     Parameters
@@ -338,22 +317,139 @@ def face_gradients(
     # grad f = n x (u (c - b) + v (a - c) + w (b - a)) / |n|^2
     turned = np.cross(normals, u[:, None] * (c - b) + v[:, None] * (a - c) + w[:, None] * (b - a))
     safe = np.where(squares > 0, squares, 1.0)
-    gradients: NDArray[np.float64] = turned / safe[:, None]
+    gradients: Floats = turned / safe[:, None]
     gradients[squares == 0] = 0.0
     return gradients
 
 
-def step_lengths(vertices: NDArray[np.float64], topology: Topology) -> NDArray[np.float64]:
+def step_lengths(vertices: Floats, topology: Topology) -> Floats:
     """Length from each vertex to the next; an open curve has one less than vertices."""
     ahead = np.roll(vertices, -1, axis=0) if topology == CLOSED_CURVE else vertices[1:]
-    steps: NDArray[np.float64] = np.linalg.norm(ahead - vertices[: len(ahead)], axis=1)
+    steps: Floats = np.linalg.norm(ahead - vertices[: len(ahead)], axis=1)
     return steps
 
 
-def curve_weights(vertices: NDArray[np.float64], topology: Topology) -> NDArray[np.float64]:
+def curve_weights(vertices: Floats, topology: Topology) -> Floats:
     """Half the length of the steps on either side of each vertex, (vertices,) float64."""
     steps = step_lengths(vertices, topology)
     if topology == OPEN_CURVE:
         steps = np.append(steps, 0.0)
-    halves: NDArray[np.float64] = (steps + np.roll(steps, 1)) / 2
+    halves: Floats = (steps + np.roll(steps, 1)) / 2
     return halves
+
+
+def first_at_place(vertices: FloatArray) -> Ints:
+    """Find for each vertex the first one that lies exactly where it is in every frame.
+
+    Vertices that only meet, in some frames, stay apart.
+
+    Parameters
+    ----------
+    vertices : (frames, vertices, 3) float32 or float64
+        Finite. 0 and -0 are the same place.
+
+    Returns
+    -------
+    (vertices,) int64
+        The vertex itself where no other has all of its places.
+    """
+    first = np.arange(vertices.shape[1])
+    # Equal places have equal keys, and hardly others: of points on a lattice none.
+    x, y, z = vertices[0].T.astype(np.float64)
+    _, groups, counts = np.unique(
+        0.31415927 * x + 0.27182818 * y + 0.17320508 * z, return_inverse=True, return_counts=True
+    )
+    others = np.flatnonzero(counts[groups] > 1)
+    names = groups[others]
+    for positions in vertices if len(others) else ():
+        names = _grouped(positions[others], others, names)
+    first[others] = names
+    return first
+
+
+def _grouped(rows: FloatArray, vertices: Ints, groups: Ints) -> Ints:
+    """First vertex of those with the same row in the same group, for each; vertices increase."""
+    order = np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0], groups))
+    starts = np.ones(len(order), dtype=np.bool_)
+    starts[1:] = groups[order[1:]] != groups[order[:-1]]
+    starts[1:] |= (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    # lexsort is stable, so the first of a run is its smallest.
+    names = np.empty_like(vertices)
+    names[order] = vertices[order[starts]][np.cumsum(starts) - 1]
+    return names
+
+
+def representatives_of(vertices: FloatArray, faces: Ints) -> Ints:
+    """Merge vertices that coincide in every frame, where that joins the surface.
+
+    Vertices at one place are one where border edges are on each other (two rims, a seam), where
+    a triangle repeats another, along an edge without length, and where a vertex is in no
+    triangle. A surface that only touches itself in a point, or along edges that have their two
+    triangles, stays as it is: joined there, it would not be a surface.
+
+    Parameters
+    ----------
+    vertices : (frames, vertices, 3) float32 or float64
+    faces : (faces, 3) int64
+
+    Returns
+    -------
+    (vertices,) int64
+        For each the first of the vertices that are one with it.
+    """
+    first = first_at_place(vertices)
+    n = len(first)
+    if (first == np.arange(n)).all():
+        return first
+    pairs = [
+        _pairs_of_rows(first, _border(faces, n)),
+        _pairs_of_rows(first, faces),
+        _without_length(first, faces),
+        _unused(first, faces),
+    ]
+    one, other = np.concatenate(pairs, axis=1)
+    graph = scipy.sparse.coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(n, n))
+    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    _, smallest = np.unique(labels, return_index=True)
+    merged: Ints = smallest[labels]
+    return merged
+
+
+def _pairs_of_rows(first: Ints, rows: Ints) -> Ints:
+    """Pairs of vertices of edges or triangles that are on each other, (2, pairs)."""
+    # Each row in the order of its places, so that columns belong together.
+    rows = np.take_along_axis(rows, np.argsort(first[rows], axis=1, kind="stable"), axis=1)
+    places = first[rows]
+    # What is a point or an edge only is on itself.
+    proper = (places[:, 1:] != places[:, :-1]).all(axis=1)
+    rows, places = rows[proper], places[proper]
+    order = np.lexsort(places.T)
+    rows, places = rows[order], places[order]
+    same = (places[1:] == places[:-1]).all(axis=1)
+    return np.stack([rows[:-1][same].ravel(), rows[1:][same].ravel()])
+
+
+def _border(faces: Ints, n_vertices: int) -> Ints:
+    """Edges of one triangle, (edges, 2)."""
+    connectivity = connectivity_of(faces, n_vertices)
+    border: Ints = connectivity.edges[connectivity.faces_at_edge == 1]
+    return border
+
+
+def _without_length(first: Ints, faces: Ints) -> Ints:
+    """Pair the ends of each edge that is in one place, (2, pairs)."""
+    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    pairs: Ints = sides[first[sides[:, 0]] == first[sides[:, 1]]].T
+    return pairs
+
+
+def _unused(first: Ints, faces: Ints) -> Ints:
+    """Vertices in no triangle, each with one at its place that is in one, (2, pairs)."""
+    used = np.zeros(len(first), dtype=np.bool_)
+    used[faces.ravel()] = True
+    at_place = first.copy()
+    # The last assignment stays: the first vertex in use, where there is one.
+    backwards = np.flatnonzero(used)[::-1]
+    at_place[first[backwards]] = backwards
+    unused = np.flatnonzero(~used)
+    return np.stack([unused, at_place[first[unused]]])

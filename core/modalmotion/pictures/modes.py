@@ -23,7 +23,7 @@ from modalmotion.pictures.view import (
     tilted,
     upright,
 )
-from modalmotion.representation import counted, numeral
+from modalmotion.representation import Floats, counted, numeral
 from modalmotion.template.surface import corner_steps
 from modalmotion.template.template import Template
 from modalmotion.template.vibration_modes import VibrationModes
@@ -84,7 +84,7 @@ def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     return figure
 
 
-def draw_shape(panel: Any, template: Template, phi: NDArray[np.float64], scale: Any) -> None:
+def draw_shape(panel: Any, template: Template, phi: Floats, scale: Any) -> None:
     """Draw one shape in colour on the surface at rest.
 
     Parameters
@@ -111,7 +111,7 @@ def draw_shape(panel: Any, template: Template, phi: NDArray[np.float64], scale: 
     )
 
 
-def _draw_line(panel: Any, template: Template, phi: NDArray[np.float64], largest: float) -> None:
+def _draw_line(panel: Any, template: Template, phi: Floats, largest: float) -> None:
     s = template.coordinates[:, 0]
     order = np.argsort(s, kind="stable")
     panel.axhline(0.0, color="#b9bdc1", linewidth=0.8)
@@ -184,9 +184,7 @@ def _title(template: Template) -> str:
     return text
 
 
-def _draw(
-    panel: Any, template: Template, axis: int, closed: bool, view: NDArray[np.float64]
-) -> Any:
+def _draw(panel: Any, template: Template, axis: int, closed: bool, view: Floats) -> Any:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import BoundaryNorm, to_rgba
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -221,8 +219,6 @@ def _draw(
     return scale
 
 
-Array = NDArray[np.float64]
-
 _INCHES: Final = 4.8
 _DPI: Final = 100
 _TILT: Final = 0.45
@@ -234,7 +230,7 @@ _LIGHT: Final = np.array([-0.48, -0.6, 0.64])
 
 
 def draw_frames(
-    template: Template, positions: Iterable[Array], heights: Iterable[Array], extent: Extent
+    template: Template, positions: Iterable[Floats], heights: Iterable[Floats], extent: Extent
 ) -> Iterator[NDArray[np.uint8]]:
     """Draw each frame, coloured by the displacement of its vertices.
 
@@ -280,7 +276,7 @@ class Extent:
     """
 
     def __init__(
-        self, template: Template, positions: Iterable[Array], heights: Iterable[Array]
+        self, template: Template, positions: Iterable[Floats], heights: Iterable[Floats]
     ) -> None:
         is_sheet = template.surface is not None and not template.surface.closed_axes
         own = upright(template)
@@ -294,7 +290,7 @@ class Extent:
         self.largest = max((float(np.abs(h).max()) for h in heights), default=0.0) or 1.0
 
 
-def draw_moved(panel: Any, template: Template, x: Array, height: Array, extent: Extent) -> None:
+def draw_moved(panel: Any, template: Template, x: Floats, height: Floats, extent: Extent) -> None:
     """Draw one frame on 3D axes.
 
     Parameters

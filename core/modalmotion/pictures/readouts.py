@@ -12,7 +12,7 @@ from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS, Strain
 from modalmotion.pictures.view import lighten, new_figure
-from modalmotion.representation import numeral
+from modalmotion.representation import Floats, numeral
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,9 +65,7 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
     return figure
 
 
-def draw_volume(
-    axes: Axes, readouts: ClinicalReadouts, v: NDArray[np.float64], reach: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def draw_volume(axes: Axes, readouts: ClinicalReadouts, v: Floats, reach: Floats) -> Floats:
     """Draw volumes with a band of their reach, by time in s or by frame, which is returned."""
     times = readouts.times
     at = np.arange(len(v), dtype=np.float64) if times is None else times
@@ -107,7 +105,7 @@ def strain_figure(strain: Strain) -> Figure:
     return figure
 
 
-def draw_strain(axes: Axes, strain: Strain, times: NDArray[np.float64] | None) -> None:
+def draw_strain(axes: Axes, strain: Strain, times: Floats | None) -> None:
     """Draw the curves of strain by frame, or by time in s."""
     at = np.arange(len(strain.curves)) if times is None else times
     for name, (colour, style) in zip(DEFINITIONS, _CURVES, strict=True):
@@ -134,23 +132,21 @@ _RADII: Final = (1.0, 0.745, 0.49, 0.235, 0.0)
 _LETTERS: Final = 62
 
 
-def bulls_eye_figure(regions: RegionalMotion, frame: int | None = None) -> Figure:
+def bulls_eye_figure(regions: RegionalMotion) -> Figure:
     """Draw the inward motion of each segment, or of each ring if segments are unknown.
 
-    Anterior is at the top, septal on the left, as in the standard.
+    The frame is the one in which the wall has moved most. Anterior is at the top, septal on the
+    left, as in the standard.
 
     Parameters
     ----------
     regions : RegionalMotion
-    frame : int, optional
-        By default the one in which the wall has moved most.
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    if frame is None:
-        frame = most_moved(regions)
+    frame = most_moved(regions)
     figure = new_figure(5.4, 5.6)
     axes: Any = figure.add_subplot()
     scale = draw_bulls_eye(axes, regions, frame)

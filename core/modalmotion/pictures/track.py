@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import Image
-from modalmotion.mesh.normal_lines import Edges
+from modalmotion.mesh.geometry import Edges
 from modalmotion.pictures.modes import pixels_of, write_gif
 from modalmotion.pictures.view import new_figure, shown_unit, size_of, tilted, upright
-from modalmotion.representation import numeral
+from modalmotion.representation import Floats, numeral
 from modalmotion.tracking.result import STRAY, Track
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def determined_figure(track: Track) -> Figure:
     figure = new_figure(7.2, 3.6)
     from matplotlib.ticker import MaxNLocator
 
-    share: NDArray[np.float64] = 100.0 * track.determined
+    share: Floats = 100.0 * track.determined
     at = np.arange(len(share))
     axes = figure.add_subplot()
     axes.bar(at - 0.2, share[:, 0], 0.4, color=_NORMAL, label="across the surface")
@@ -264,9 +264,7 @@ class _Overlay:
             _zoom(axes, plane, self._x)
 
 
-def contours_in(
-    plane: Plane, x: NDArray[np.float64], edges: Edges, shift: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def contours_in(plane: Plane, x: Floats, edges: Edges, shift: Floats) -> Floats:
     """Cut a surface with a plane.
 
     Parameters
@@ -288,7 +286,7 @@ def contours_in(
     return plane.indices(places)[cut.segments]
 
 
-def _planes(image: Image, x: NDArray[np.float64]) -> list[tuple[int, Plane]]:
+def _planes(image: Image, x: Floats) -> list[tuple[int, Plane]]:
     """Choose planes to show, with their numbers; of a volume three through the surface's centre."""
     if isinstance(image, PlaneSet):
         numbers = np.unique(np.linspace(0, len(image) - 1, _N_PLANES).round().astype(np.int64))
@@ -296,7 +294,7 @@ def _planes(image: Image, x: NDArray[np.float64]) -> list[tuple[int, Plane]]:
     return [(0, plane) for plane in _cuts(image, x)]
 
 
-def _cuts(volume: Volume, x: NDArray[np.float64]) -> list[Plane]:
+def _cuts(volume: Volume, x: Floats) -> list[Plane]:
     everywhere = x.reshape(-1, 3)
     middle = everywhere.mean(axis=0)
     side = float(np.ptp(everywhere, axis=0).max()) + 2.0 * _MARGIN
@@ -312,7 +310,7 @@ def _cuts(volume: Volume, x: NDArray[np.float64]) -> list[Plane]:
     return planes
 
 
-def _zoom(axes: Any, plane: Plane, x: NDArray[np.float64]) -> None:
+def _zoom(axes: Any, plane: Plane, x: Floats) -> None:
     """Show the surface over the whole beat, with a margin."""
     places = plane.indices(x.reshape(-1, 3))
     margin = _MARGIN / np.array(plane.spacing)

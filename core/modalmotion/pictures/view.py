@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import face_normals, oriented_faces
+from modalmotion.representation import Bools, Floats
 from modalmotion.template.template import Template
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def lighten(axes: Any, *sides: str, grid: Literal["both", "x", "y"] = "both") ->
     axes.spines[[*(sides or ("top", "right"))]].set_visible(False)
 
 
-def upright(template: Template) -> NDArray[np.float64]:
+def upright(template: Template) -> Floats:
     """Columns that make the axis upright, its end on top, and theta = 0 in front.
 
     Returns
@@ -64,7 +64,7 @@ def upright(template: Template) -> NDArray[np.float64]:
     return np.stack([np.cross(axis, zero), -zero, axis], axis=1)
 
 
-def apex_down(reference: NDArray[np.float64]) -> NDArray[np.float64]:
+def apex_down(reference: Floats) -> Floats:
     """Columns that make the longest axis of points upright, the next one horizontal.
 
     The wider end is at the top, as ventricles are shown: the apex points down, for any axes of the
@@ -87,14 +87,14 @@ def size_of(template: Template) -> float:
     return float(np.abs(template.vertices).max()) or 1.0
 
 
-def tilted(view: NDArray[np.float64], tilt: float = _TILT) -> NDArray[np.float64]:
+def tilted(view: Floats, tilt: float = _TILT) -> Floats:
     """View it slightly from above, by so many radians."""
     c, s = np.cos(tilt), np.sin(tilt)
-    turned: NDArray[np.float64] = view @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+    turned: Floats = view @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
     return turned
 
 
-def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[np.bool_]:
+def faces_viewer(vertices: Floats, template: Template) -> Bools:
     """Triangles whose outside is visible: all of a sheet, which has no outside."""
     faces = oriented_faces(template.faces, len(vertices))
     if faces is None or not template.topology.closed_axes:
@@ -102,13 +102,11 @@ def faces_viewer(vertices: NDArray[np.float64], template: Template) -> NDArray[n
     normals = face_normals(vertices, faces)
     centres = vertices[faces].mean(axis=1)
     outward = float(np.einsum("ij,ij->", normals, centres - centres.mean(axis=0)))
-    towards: NDArray[np.bool_] = normals[:, 1] * np.sign(outward) < 0
+    towards: Bools = normals[:, 1] * np.sign(outward) < 0
     return towards
 
 
-def fill_cube(
-    axes: Any, points: NDArray[np.float64], elevation: float = 0.0, azimuth: float = -90.0
-) -> None:
+def fill_cube(axes: Any, points: Floats, elevation: float = 0.0, azimuth: float = -90.0) -> None:
     """Set invisible axes of equal scale that the points fill, in a parallel projection.
 
     Parameters
@@ -131,11 +129,11 @@ def fill_cube(
     axes.set_proj_type("ortho")
 
 
-def drawn_vertices(axes: Any, template: Template, view: NDArray[np.float64]) -> NDArray[np.float64]:
+def drawn_vertices(axes: Any, template: Template, view: Floats) -> Floats:
     """Set axes that a surface fills, and give its vertices in them, which have no unit."""
     used = np.unique(template.faces)
     plain = template.vertices / size_of(template)
-    vertices: NDArray[np.float64] = (plain - plain[used].mean(axis=0)) @ view
+    vertices: Floats = (plain - plain[used].mean(axis=0)) @ view
     fill_cube(axes, vertices[used])
     return vertices
 
@@ -191,8 +189,8 @@ def round_length(longest: float) -> float:
 
 def draw_scale(
     axes: Any,
-    box: NDArray[np.float64],
-    view: NDArray[np.float64],
+    box: Floats,
+    view: Floats,
     *,
     size: float,
     unit: str | None,

@@ -14,7 +14,7 @@ from typing import Any, Final
 from modalmotion.errors import MalformedFileError, ParameterError, needs_extra
 from modalmotion.formats import Parser
 from modalmotion.formats.frame_files import stored_zip
-from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.text_meshes import write_stl
 from modalmotion.formats.volumes.stack import unheard
 from modalmotion.limits import DEFAULT_LIMITS

@@ -9,7 +9,6 @@ from html import escape
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.clinical import ClinicalReadouts
 from modalmotion.exports.tables import direction_names
@@ -27,7 +26,7 @@ from modalmotion.reports.content import (
     numbers_of,
     quantities_of,
 )
-from modalmotion.representation import probability
+from modalmotion.representation import Floats, probability
 
 _DECIMALS: Final = 17
 
@@ -68,9 +67,7 @@ def quantity(value: float, unit: str, ucum: str) -> Resource:
     return {"value": held, "unit": unit, "system": UCUM, "code": ucum}
 
 
-def sampled(
-    values: NDArray[np.float64], unit: str, ucum: str, times: NDArray[np.float64] | None
-) -> Resource:
+def sampled(values: Floats, unit: str, ucum: str, times: Floats | None) -> Resource:
     """Write rows of numbers as SampledData; the period is in ms, or 1 if times are unknown."""
     n = len(values)
     period = 1.0
@@ -266,7 +263,7 @@ def _volume_curve(readouts: ClinicalReadouts) -> Found:
     )
 
 
-def _times(times: NDArray[np.float64]) -> Found:
+def _times(times: Floats) -> Found:
     return Found(
         "times",
         ["The frames are uneven in time; their times are given here."],
@@ -274,7 +271,7 @@ def _times(times: NDArray[np.float64]) -> Found:
     )
 
 
-def _is_even(times: NDArray[np.float64]) -> bool:
+def _is_even(times: Floats) -> bool:
     if len(times) < 3:
         return True
     steps = np.diff(times)

@@ -28,7 +28,7 @@ from modalmotion.errors import ModeCountError
 from modalmotion.mesh import mean_slopes, vertex_areas
 from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.checks import Uncertainty
-from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.signature.fit import Basis, Fit, Fitter, make_basis

@@ -15,7 +15,7 @@ from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh import NO_FACTS
 from modalmotion.mesh.alignment import reference_positions
-from modalmotion.mesh.cavity import cavity_of
+from modalmotion.mesh.geometry import cavity_of
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import PLANE, Topology
 from modalmotion.progress import ShareReport, Stopwatch, silent

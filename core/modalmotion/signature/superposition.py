@@ -25,7 +25,7 @@ from modalmotion.mesh.alignment import (
     Rotations,
     reference_positions,
 )
-from modalmotion.mesh.normal_lines import NormalLines, vertex_normals
+from modalmotion.mesh.geometry import NormalLines, vertex_normals
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.triangles import face_normals
 from modalmotion.numeric.scales import power_of_two

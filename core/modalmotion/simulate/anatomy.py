@@ -11,12 +11,10 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.mesh import Cavity, face_areas, face_normals
 from modalmotion.mesh.sequence import MeshSequence
-
-Floats = NDArray[np.float64]
+from modalmotion.representation import Floats
 
 # mm: of the lattice, and of what is shown around the ventricle.
 _STEP: Final = 2.5
@@ -41,12 +39,8 @@ _SMOOTH_ABOVE: Final = 0.8
 _RIGHT: Final = ((24.0, 34.0, 36.0), 14.0)
 _SEPTUM: Final = 0.5
 
-# Of the depth of trabeculae around the axis: its waves.
-_WAVES: Final = np.arange(1, 5)
-
-# Correlation length of the chest's texture, and of flowing blood's, mm.
+# Correlation length of the chest's texture, mm.
 _TEXTURE: Final = 12.0
-FLOWING: Final = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +82,6 @@ class FieldLattice:
             found += share[:, None] * table[first + (i * ny + j) * nz + k]
         return found.astype(np.float64)
 
-    def flow(self, rng: np.random.Generator) -> Floats:
-        """Draw a smooth field of mean 0 and deviation 1, (n,) float64."""
-        field = scipy.ndimage.gaussian_filter(rng.normal(size=self.shape), FLOWING / _STEP).ravel()
-        drawn: Floats = (field - field.mean()) / field.std()
-        return drawn
-
 
 @dataclass(frozen=True, eq=False)
 class Tissues:
@@ -121,16 +109,10 @@ class Anatomy:
         Of the chest's texture.
     trabeculae : float, mm
         Depth of a layer of trabeculae at the apex; toward the base it is thinner.
-    variation : float
-        Standard deviation of that depth around the axis, as a share.
     """
 
     def __init__(
-        self,
-        truth: MeshSequence,
-        rng: np.random.Generator,
-        trabeculae: float = 0.0,
-        variation: float = 0.0,
+        self, truth: MeshSequence, rng: np.random.Generator, trabeculae: float = 0.0
     ) -> None:
         x = truth.vertices.astype(np.float64)
         low, high = x.min(axis=(0, 1)) - _MARGIN, x.max(axis=(0, 1)) + _MARGIN
@@ -145,9 +127,6 @@ class Anatomy:
         cavity = Cavity(truth.faces)
         self._outward = float(np.sign(cavity.volume(x[0])))
         self._radii = self._radii_of()
-        self._waves = np.zeros((2, len(_WAVES)))
-        if variation > 0:
-            self._waves = variation * rng.normal(0.0, len(_WAVES) ** -0.5, self._waves.shape)
 
     @property
     def papillary_volume(self) -> float:
@@ -187,11 +166,7 @@ class Anatomy:
         opening = float(np.linalg.norm(ring - base, axis=1).mean())
         # No edge at the valve: blood continues, as wide as the ring and then wider.
         atrium = np.maximum(-(up + 2.0), aside - opening - 0.3 * np.maximum(up, 0.0))
-        first = rows[self._grid[0] // 2, 0] - apex
-        first -= (first @ axis) * axis
-        first /= np.linalg.norm(first)
-        turns = np.arctan2((p - apex) @ np.cross(axis, first), (p - apex) @ first)
-        muscle = self._muscle(frame, cavity, 1.0 + up / float(np.linalg.norm(base - apex)), turns)
+        muscle = self._muscle(frame, cavity, 1.0 + up / float(np.linalg.norm(base - apex)))
         return Tissues(cavity, wall, papillary, right, atrium, muscle)
 
     @property
@@ -201,18 +176,13 @@ class Anatomy:
         inside = np.clip(0.5 - first.cavity / _STEP, 0.0, 1.0)
         return float((inside * first.muscle).sum()) * _STEP**3
 
-    def _muscle(self, frame: int, cavity: Floats, heights: Floats, turns: Floats) -> Floats:
+    def _muscle(self, frame: int, cavity: Floats, heights: Floats) -> Floats:
         """Share of muscle between trabeculae: it keeps its volume as their layer shrinks."""
         if self._trabeculae <= 0:
             return np.zeros(len(cavity))
         # All of it is compact before it would be more than whole.
         share = min(1.0, _TRABECULAR * float(self._areas[0] / self._areas[frame]))
         depth = self._trabeculae * np.clip(1.0 - heights / _SMOOTH_ABOVE, 0.0, 1.0)
-        if self._waves.any():
-            angles = _WAVES[:, None] * turns
-            depth *= np.maximum(
-                1.0 + self._waves.ravel() @ np.concatenate([np.cos(angles), np.sin(angles)]), 0.0
-            )
         inner = np.clip(0.5 + (cavity + depth) / _STEP, 0.0, 1.0) * np.minimum(depth / _STEP, 1.0)
         found: Floats = share * inner * (heights < 1.0)
         return found

@@ -11,11 +11,10 @@ from enum import StrEnum
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import real
 from modalmotion.errors import ParameterError
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 
 # Isovolumic contraction, s: mitral closure to aortic opening.
 _ISOVOLUMIC_CONTRACTION: Final = 0.05
@@ -69,7 +68,7 @@ class Beat:
         """End of early filling, s, without delay."""
         return self._in_diastole(_EARLY_FILLING_ENDS)
 
-    def contraction(self, time: float, delay: NDArray[np.float64]) -> NDArray[np.float64]:
+    def contraction(self, time: float, delay: Floats) -> Floats:
         """Share of the full contraction, 0 to 1.
 
         Parameters
@@ -104,10 +103,10 @@ class Beat:
         return self.end_systole + share * (self.period - self.end_systole)
 
 
-def _ramp(time: NDArray[np.float64], start: float, end: float) -> NDArray[np.float64]:
+def _ramp(time: Floats, start: float, end: float) -> Floats:
     """Rise from 0 to 1 with two continuous derivatives."""
     x = np.minimum(np.maximum((time - start) / (end - start), 0.0), 1.0)
-    risen: NDArray[np.float64] = x - np.sin(2 * np.pi * x) / (2 * np.pi)
+    risen: Floats = x - np.sin(2 * np.pi * x) / (2 * np.pi)
     return risen
 
 
@@ -271,15 +270,13 @@ class SmoothField:
     strengths : (waves, 3) float64, mm
     """
 
-    wave_vectors: NDArray[np.float64]
-    phases: NDArray[np.float64]
-    strengths: NDArray[np.float64]
+    wave_vectors: Floats
+    phases: Floats
+    strengths: Floats
 
-    def at(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, directions: Floats) -> Floats:
         """Field vectors, (..., 3) float64, mm, at unit vectors (..., 3)."""
-        values: NDArray[np.float64] = (
-            np.cos(directions @ self.wave_vectors.T + self.phases) @ self.strengths
-        )
+        values: Floats = np.cos(directions @ self.wave_vectors.T + self.phases) @ self.strengths
         return values
 
 

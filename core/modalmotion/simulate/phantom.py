@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final
@@ -14,8 +13,8 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import shown
-from modalmotion.simulate.anatomy import Anatomy, FieldLattice, Floats, Tissues
+from modalmotion.representation import Floats, shown
+from modalmotion.simulate.anatomy import Anatomy, FieldLattice, Tissues
 from modalmotion.simulate.parameters import VentricleParameters
 from modalmotion.simulate.surface import Pose
 from modalmotion.simulate.ventricle import Acquisition, simulate_ventricle
@@ -58,11 +57,8 @@ _N_THROUGH: Final = 4
 _RANGES: Final = {
     "noise": (0.0, 10.0),
     "slice_shift": (0.0, 20.0),
-    "bias_field": (0.0, 0.9),
     "coarseness": (0.5, 4.0),
     "trabeculae": (0.0, 10.0),
-    "trabecular_variation": (0.0, 0.5),
-    "inflow": (0.0, 0.3),
 }
 
 # Numbers are stored with the resolution of scanners: brightness 1 is this.
@@ -93,8 +89,8 @@ class Phantom:
     kind: ImageKind
     images: ImageSequence
     truth: MeshSequence
-    landmarks: dict[str, NDArray[np.float64]]
-    shifts: NDArray[np.float64]
+    landmarks: dict[str, Floats]
+    shifts: Floats
     papillary_volume: float
 
 
@@ -109,8 +105,6 @@ class PhantomSettings:
         Standard deviation over the brightness of blood; speckle of echo is its own.
     slice_shift : float, mm
         Standard deviation of each slice's place along each of its axes (breath holds).
-    bias_field : float
-        Variation of brightness from side to side, as a share.
     papillary : bool
         Whether there are papillary muscles.
     coarseness : float
@@ -118,21 +112,13 @@ class PhantomSettings:
     trabeculae : float, mm
         Depth of a layer of trabeculae at the apex, half muscle at end diastole and nearly all of it
         at end systole; they are within the surface. It ends at four fifths of the height.
-    trabecular_variation : float
-        Standard deviation of that depth around the ventricle, as a share.
-    inflow : float
-        Standard deviation of the brightness of blood from place to place, as a share: smooth over
-        some `modalmotion.simulate.anatomy.FLOWING` mm, and another in each frame and each slice.
     """
 
     noise: float = 0.05
     slice_shift: float = 0.0
-    bias_field: float = 0.0
     papillary: bool = True
     coarseness: float = 1.0
     trabeculae: float = 0.0
-    trabecular_variation: float = 0.0
-    inflow: float = 0.0
 
     def __post_init__(self) -> None:
         for name, (least, most) in _RANGES.items():
@@ -177,9 +163,8 @@ def simulate_images(
         parameters, acquisition=Acquisition(n_frames=n_frames, pose=pose), rng=rng
     )
     rows = truth.vertices.astype(np.float64).reshape(n_frames, 32, 64, 3)
-    anatomy = Anatomy(truth, rng, settings.trabeculae, settings.trabecular_variation)
-    bias = _bias(settings, rows.mean(axis=(0, 1, 2)), rng)
-    imaging = _Imaging(anatomy.lattice, anatomy.texture, _LOOKS[kind], settings, bias)
+    anatomy = Anatomy(truth, rng, settings.trabeculae)
+    imaging = _Imaging(anatomy.lattice, anatomy.texture, _LOOKS[kind], settings.noise)
     spacing = settings.coarseness * np.array(_LOOKS[kind].spacing)
     if kind is ImageKind.CINE:
         geometry = _cine_planes(rows, spacing)
@@ -241,33 +226,30 @@ class _Imaging:
     lattice: FieldLattice
     texture: Floats
     look: _Look
-    settings: PhantomSettings
-    bias: Callable[[Floats], Floats] | None
+    noise: float
 
-    def of(self, moment: Tissues, points: Floats, flow: Floats) -> Floats:
-        """Brightness at points (..., 3), `flow` as on the lattice."""
+    def of(self, moment: Tissues, points: Floats) -> Floats:
+        """Brightness at points (..., 3)."""
         look = self.look
         least, span, power = look.chest
         p = points.reshape(-1, 3)
         fields = [moment.cavity, moment.wall, moment.papillary, moment.right, moment.atrium]
-        all_at = self.lattice.at(np.stack([*fields, moment.muscle, flow, self.texture], axis=1), p)
-        cavity, wall, papillary, right, atrium, muscle, flow, texture = all_at.T
+        all_at = self.lattice.at(np.stack([*fields, moment.muscle, self.texture], axis=1), p)
+        cavity, wall, papillary, right, atrium, muscle, texture = all_at.T
         values = least + span * texture**power
-        blood = look.blood * np.maximum(1.0 + self.settings.inflow * flow, 0.0)
         layers = [
             (right - 3.0, look.wall),
-            (right, blood),
+            (right, look.blood),
             (wall, look.wall),
-            (atrium, blood),
-            (cavity, blood + muscle * (look.wall - blood)),
+            (atrium, look.blood),
+            (cavity, look.blood + muscle * (look.wall - look.blood)),
             # Within the cavity only: in the wall the muscle is wall.
             (np.maximum(papillary, cavity), look.wall),
         ]
         for distance, brightness in layers:
             share = np.clip(0.5 - distance / _EDGE, 0.0, 1.0)
             values += share * (brightness - values)
-        values = values.reshape(points.shape[:-1])
-        seen: Floats = values if self.bias is None else values * self.bias(points)
+        seen: Floats = values.reshape(points.shape[:-1])
         return seen
 
 
@@ -280,14 +262,12 @@ def _taken(
     rng: np.random.Generator,
 ) -> NDArray[np.int16]:
     """Take one image: brightness, mean through slices, point spread, noise."""
-    is_even = imaging.settings.inflow == 0
-    flow = np.zeros(len(moment.cavity)) if is_even else imaging.lattice.flow(rng)
-    values = imaging.of(moment, grid.points(shifts), flow)
+    values = imaging.of(moment, grid.points(shifts))
     i, j, k = grid.shape
     values = values.reshape(i, j, k, grid.n_through).mean(axis=3)
     is_thin = kind in (ImageKind.CT, ImageKind.ECHO)
     values = scipy.ndimage.gaussian_filter(values, [0.5, 0.5, 0.5 if is_thin else 0.0])
-    sd = imaging.settings.noise
+    sd = imaging.noise
     if kind is ImageKind.ECHO:
         waves = scipy.ndimage.gaussian_filter(
             rng.normal(size=(2, *values.shape)), (0.0, 0.8, 0.8, 0.8)
@@ -367,9 +347,7 @@ def _cine_planes(rows: Floats, spacing: Floats) -> list[_Grid]:
     return grids
 
 
-def _shifts(
-    geometry: list[_Grid], n_slices: int, sd: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _shifts(geometry: list[_Grid], n_slices: int, sd: float, rng: np.random.Generator) -> Floats:
     """Draw a shift of each slice in its plane, (slices, 3), mm."""
     shifts = np.zeros((n_slices, 3))
     if sd == 0:
@@ -378,20 +356,3 @@ def _shifts(
         axes = geometry[min(k, len(geometry) - 1)].affine[:, :2]
         shifts[k] = (axes / np.linalg.norm(axes, axis=0)) @ rng.normal(0.0, sd, 2)
     return shifts
-
-
-def _bias(
-    settings: PhantomSettings, middle: Floats, rng: np.random.Generator
-) -> Callable[[Floats], Floats] | None:
-    """Draw a field that increases from side to side over 100 mm, linear in position."""
-    if settings.bias_field == 0:
-        return None
-    direction = rng.normal(size=3)
-    direction /= np.linalg.norm(direction)
-
-    def field(points: Floats) -> Floats:
-        along = (points - middle) @ direction
-        risen: Floats = 1.0 + settings.bias_field * np.clip(along / 50.0, -1.0, 1.0)
-        return risen
-
-    return field

@@ -12,12 +12,11 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import lattice_faces
 from modalmotion.modes.topology import CUP, lattice_coordinates, require_shape
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 
 _N_TABLE: Final = 4001
 
@@ -47,25 +46,25 @@ class Spheroid:
     radius: float
     truncation: float
 
-    def radius_at(self, nu: NDArray[np.float64]) -> NDArray[np.float64]:
+    def radius_at(self, nu: Floats) -> Floats:
         """Distance from the axis, mm."""
-        r: NDArray[np.float64] = self.radius * np.sin(nu)
+        r: Floats = self.radius * np.sin(nu)
         return r
 
-    def height_at(self, nu: NDArray[np.float64]) -> NDArray[np.float64]:
+    def height_at(self, nu: Floats) -> Floats:
         """Distance from the apex along the axis, mm."""
         # 1 - cos nu = 2 sin^2(nu / 2), without cancellation at the apex.
-        z: NDArray[np.float64] = 2.0 * self._semi_axis * np.sin(nu / 2) ** 2
+        z: Floats = 2.0 * self._semi_axis * np.sin(nu / 2) ** 2
         return z
 
-    def slope_at(self, nu: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slope_at(self, nu: Floats) -> Floats:
         """Height over polar angle, mm per rad."""
-        slope: NDArray[np.float64] = self._semi_axis * np.sin(nu)
+        slope: Floats = self._semi_axis * np.sin(nu)
         return slope
 
-    def speed_at(self, nu: NDArray[np.float64]) -> NDArray[np.float64]:
+    def speed_at(self, nu: Floats) -> Floats:
         """Arc length of the meridian over polar angle, mm per rad."""
-        speed: NDArray[np.float64] = np.hypot(self.radius * np.cos(nu), self.slope_at(nu))
+        speed: Floats = np.hypot(self.radius * np.cos(nu), self.slope_at(nu))
         return speed
 
     @property
@@ -74,22 +73,22 @@ class Spheroid:
         ring = 2 * np.pi * self.radius_at(self._angles) * self.speed_at(self._angles)
         return float(_running_integral(ring, self._angles)[-1])
 
-    def polar_angle(self, share: NDArray[np.float64], spacing: Spacing) -> NDArray[np.float64]:
+    def polar_angle(self, share: Floats, spacing: Spacing) -> Floats:
         """Polar angle at a share (0 apex, 1 base) of the meridian's arc length or of the height."""
         if spacing == Spacing.HEIGHT:
             x = share * np.sin(self.truncation / 2) ** 2
-            nu: NDArray[np.float64] = 2.0 * np.arcsin(np.sqrt(x))
+            nu: Floats = 2.0 * np.arcsin(np.sqrt(x))
             return nu
-        return _interpolate(share, self._arc / self._arc[-1], self._angles)
+        return np.asarray(np.interp(share, self._arc / self._arc[-1], self._angles))
 
-    def polar_angle_of_area(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+    def polar_angle_of_area(self, share: Floats) -> Floats:
         """Polar angle below which a share of the area is."""
         # The area grows as nu^2 at the apex; its root interpolates well there.
         ring = self.radius_at(self._angles) * self.speed_at(self._angles)
         area = _running_integral(ring, self._angles)
-        return _interpolate(np.sqrt(share), np.sqrt(area / area[-1]), self._angles)
+        return np.asarray(np.interp(np.sqrt(share), np.sqrt(area / area[-1]), self._angles))
 
-    def isothermal_radius(self, nu: NDArray[np.float64]) -> NDArray[np.float64]:
+    def isothermal_radius(self, nu: Floats) -> Floats:
         """Radius of the conformal map of the surface to the unit disc, 1 at the base."""
         # d ln rho / d nu = ds/dnu / r; its pole, 1/tan nu times the length at the apex, is
         # integrated in closed form.
@@ -98,7 +97,7 @@ class Spheroid:
         rest[1:] = (self.speed_at(angles[1:]) / self.radius - 1.0) / np.sin(angles[1:])
         log_rho = _running_integral(rest, angles)
         log_rho = np.interp(nu, angles, log_rho) - log_rho[-1]
-        rho: NDArray[np.float64] = (np.tan(nu / 2) / np.tan(self.truncation / 2)) * np.exp(log_rho)
+        rho: Floats = (np.tan(nu / 2) / np.tan(self.truncation / 2)) * np.exp(log_rho)
         return rho
 
     @property
@@ -106,15 +105,15 @@ class Spheroid:
         return self.length / (1.0 - float(np.cos(self.truncation)))
 
     @cached_property
-    def _angles(self) -> NDArray[np.float64]:
+    def _angles(self) -> Floats:
         return np.linspace(0.0, self.truncation, _N_TABLE)
 
     @cached_property
-    def _arc(self) -> NDArray[np.float64]:
+    def _arc(self) -> Floats:
         return _running_integral(self.speed_at(self._angles), self._angles)
 
 
-def directions(nu: NDArray[np.float64], theta: NDArray[np.float64]) -> NDArray[np.float64]:
+def directions(nu: Floats, theta: Floats) -> Floats:
     """Return unit vectors (..., 3): material points seen from the middle of a sphere.
 
     Any smooth function of them is a smooth function on the surface, at the apex too.
@@ -123,16 +122,9 @@ def directions(nu: NDArray[np.float64], theta: NDArray[np.float64]) -> NDArray[n
     return np.stack([x, y, -np.cos(nu)], axis=-1)
 
 
-def _running_integral(values: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+def _running_integral(values: Floats, at: Floats) -> Floats:
     steps = (values[1:] + values[:-1]) / 2 * np.diff(at)
     return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _interpolate(
-    x: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    y: NDArray[np.float64] = np.interp(x, xs, ys)
-    return y
 
 
 _FEWEST_VERTICES: Final = 50
@@ -157,9 +149,9 @@ class Points:
         Shape of the lattice; None for an irregular triangulation.
     """
 
-    polar_angles: NDArray[np.float64]
-    azimuths: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    polar_angles: Floats
+    azimuths: Floats
+    faces: Ints
     grid: tuple[int, int] | None
 
 
@@ -267,12 +259,7 @@ class Pose:
                 remedy="Give three finite numbers for each.",
             )
 
-    def place(
-        self,
-        vertices: NDArray[np.float64],
-        beats: NDArray[np.float64],
-        middle: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def place(self, vertices: Floats, beats: Floats, middle: Floats) -> Floats:
         """Transform vertices from the body frame to the scanner's.
 
         Parameters
@@ -298,14 +285,14 @@ class Pose:
         return placed
 
 
-def rotation_matrix(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotation_matrix(vector: Floats) -> Floats:
     """Rotation by |vector| rad about a vector, (3, 3) float64 (Rodrigues' formula)."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     # R = I + sin(a)/a K + (1 - cos(a))/a^2 K^2, with sinc(x) = sin(pi x) / (pi x)
     half = np.sinc(angle / (2 * np.pi))
-    rotation: NDArray[np.float64] = np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half**2 * K @ K
+    rotation: Floats = np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half**2 * K @ K
     return rotation
 
 

@@ -14,14 +14,13 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import real, whole, whole_numbers
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Cavity, Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.simulate.parameters import SmoothField, VentricleParameters, random_field
 from modalmotion.simulate.surface import (
     Points,
@@ -68,14 +67,14 @@ class Moment:
         Added to the displacement.
     """
 
-    radii: NDArray[np.float64]
-    restraint: NDArray[np.float64]
-    contraction: NDArray[np.float64]
-    across: tuple[NDArray[np.float64], NDArray[np.float64]]
-    heights: NDArray[np.float64]
-    individual: NDArray[np.float64]
+    radii: Floats
+    restraint: Floats
+    contraction: Floats
+    across: tuple[Floats, Floats]
+    heights: Floats
+    individual: Floats
 
-    def positions(self, radial: float) -> NDArray[np.float64]:
+    def positions(self, radial: float) -> Floats:
         """Positions in the body frame: origin at the resting apex, z from apex to base.
 
         Parameters
@@ -107,13 +106,13 @@ class MaterialPoints:
     """
 
     parameters: VentricleParameters
-    polar_angles: NDArray[np.float64]
-    azimuths: NDArray[np.float64]
+    polar_angles: Floats
+    azimuths: Floats
     shape: SmoothField
     displacement: SmoothField
     lag: SmoothField
 
-    def positions(self, time: float, radial: float) -> NDArray[np.float64]:
+    def positions(self, time: float, radial: float) -> Floats:
         """Positions at a time, (points, 3) float64, mm: see `at` and `Moment.positions`."""
         return self.at(time).positions(radial)
 
@@ -153,21 +152,21 @@ class MaterialPoints:
         return Spheroid(p.length, p.radius, float(np.radians(p.truncation)))
 
     @cached_property
-    def _individual(self) -> tuple[NDArray[np.float64], ...]:
+    def _individual(self) -> tuple[Floats, ...]:
         n = directions(self.polar_angles, self.azimuths)
         return self.shape.at(n), self.displacement.at(n), self.lag.at(n)
 
     @cached_property
-    def _restraint(self) -> NDArray[np.float64]:
+    def _restraint(self) -> Floats:
         level = self.spheroid.height_at(self.polar_angles) / self.parameters.length
-        restraint: NDArray[np.float64] = 1.0 - _BASE_RESTRAINT * level**4
+        restraint: Floats = 1.0 - _BASE_RESTRAINT * level**4
         return restraint
 
     @cached_property
-    def _height_steps(self) -> NDArray[np.float64]:
+    def _height_steps(self) -> Floats:
         """Height of the resting wall in each part of the quadrature, (nodes, points), mm."""
         share, weight = (_QUADRATURE[0] + 1) / 2, _QUADRATURE[1] / 2
-        steps: NDArray[np.float64] = (
+        steps: Floats = (
             weight[:, None]
             * self.polar_angles
             * self.spheroid.slope_at(share[:, None] * self.polar_angles)
@@ -175,7 +174,7 @@ class MaterialPoints:
         return steps
 
     @cached_property
-    def _regions(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _regions(self) -> tuple[Floats, Floats, Floats]:
         """Working share, lateness and earliness of the points (row 0) and of those below them."""
         share = np.concatenate([[1.0], (_QUADRATURE[0] + 1) / 2])
         n = directions(share[:, None] * self.polar_angles, self.azimuths)
@@ -186,7 +185,7 @@ class MaterialPoints:
         lost[1:] *= 1.0 - _TETHERING
         return 1.0 - lost, late, (1.0 - late) ** 2
 
-    def _contraction(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _contraction(self, time: float) -> tuple[Floats, Floats]:
         """Contraction at the points, and at the quadrature's nodes below each of them."""
         p, beat = self.parameters, self.parameters.beat
         working, late, early = self._regions
@@ -196,7 +195,7 @@ class MaterialPoints:
         return q[0], q[1:]
 
 
-def region_weight(parameters: VentricleParameters, n: NDArray[np.float64]) -> NDArray[np.float64]:
+def region_weight(parameters: VentricleParameters, n: Floats) -> Floats:
     """Membership of a wall element in the akinetic region, 1 at its centre.
 
     Parameters
@@ -214,7 +213,7 @@ def region_weight(parameters: VentricleParameters, n: NDArray[np.float64]) -> ND
     centre = np.array([x, y, -np.cos(_polar_angle(p))])
     edge = np.cos(np.radians(p.akinesia_extent))
     inside = 1.0 / (1.0 + np.exp(-(n @ centre - edge) / _BORDER))
-    weight: NDArray[np.float64] = inside * (1.0 + np.exp(-(1.0 - edge) / _BORDER))
+    weight: Floats = inside * (1.0 + np.exp(-(1.0 - edge) / _BORDER))
     return weight
 
 
@@ -223,7 +222,7 @@ def _polar_angle(parameters: VentricleParameters) -> float:
     return float(2.0 * np.arcsin(np.sqrt(x)))
 
 
-def _across(azimuth: float) -> NDArray[np.float64]:
+def _across(azimuth: float) -> Floats:
     angle = np.radians(azimuth)
     return np.array([np.cos(angle), np.sin(angle)])
 
@@ -434,10 +433,5 @@ def _solve(p: VentricleParameters, cavity: Cavity, relaxed: Moment, moment: Mome
             f"An ejection fraction of {p.ejection_fraction} cannot be reached with a "
             f"longitudinal shortening of {p.longitudinal_shortening}.",
             remedy="Bring the two nearer to each other, or make the akinetic region smaller.",
-            details={
-                "parameter": "ejection_fraction",
-                "least": p.ejection_fraction - low,
-                "most": p.ejection_fraction - high,
-            },
         )
     return float(scipy.optimize.brentq(excess, _LEAST_RADIAL, _MOST_RADIAL, xtol=1e-14))

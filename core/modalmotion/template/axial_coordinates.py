@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
 from modalmotion.progress import ShareReport, silent
+from modalmotion.representation import Floats
 from modalmotion.template.axis import (
     Axes,
     axes_about,
@@ -49,10 +49,7 @@ _FLAT_CAP: Final = 1e-3
 
 
 def cup_coordinates(
-    surface: Surface,
-    places: dict[str, NDArray[np.float64]],
-    axes: Axes,
-    report: ShareReport = silent,
+    surface: Surface, places: dict[str, Floats], axes: Axes, report: ShareReport = silent
 ) -> Coordinates:
     """Torsion function towards the openings, and azimuth about the axis.
 
@@ -133,7 +130,7 @@ def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
     return 2 * np.pi * r**2 * (1 - np.cos(w)), float(-2 * r**2 * np.log(np.cos(w / 2)))
 
 
-def _torsion(surface: Surface, report: ShareReport) -> NDArray[np.float64] | None:
+def _torsion(surface: Surface, report: ShareReport) -> Floats | None:
     """Solve -Laplace u = 1 with u = 0 on the openings of the base, over what it is at the pole.
 
     None if that is impossible. Through the rim of an apex that is cut off flows what its cap
@@ -153,7 +150,7 @@ def _torsion(surface: Surface, report: ShareReport) -> NDArray[np.float64] | Non
     return np.asarray(u / max(float(u.max()), highest + above))
 
 
-def cup_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+def cup_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
     """Find the axis from apex, or area centroid, to base, and the side to which the wall leans.
 
     Raises
@@ -171,7 +168,7 @@ def cup_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
     return axes_about(surface, places, axis, lean(surface, axis), {"axis": strength})
 
 
-def _centre_of_cap(surface: Surface, cap: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+def _centre_of_cap(surface: Surface, cap: Floats) -> tuple[Floats, float]:
     """Centroid of the cap, and how round it is: 0 for a ridge, 1 for a round top."""
     weights = surface.areas * cap
     weights /= weights.sum()
@@ -189,7 +186,7 @@ def _agreement(surface: Surface) -> float:
     return float(np.linalg.norm(lengths @ arms)) / reach if reach > 0 else 0.0
 
 
-def cylinder_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+def cylinder_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
     """Find the axis between the centres of both ends, and the side to which the wall leans.
 
     Raises
@@ -204,10 +201,7 @@ def cylinder_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> A
 
 
 def cylinder_coordinates(
-    surface: Surface,
-    places: dict[str, NDArray[np.float64]],
-    axes: Axes,
-    report: ShareReport = silent,
+    surface: Surface, places: dict[str, Floats], axes: Axes, report: ShareReport = silent
 ) -> Coordinates:
     """Harmonic function between the openings, and azimuth about the axis.
 
@@ -243,9 +237,7 @@ def cylinder_coordinates(
     )
 
 
-def _ends(
-    surface: Surface, places: dict[str, NDArray[np.float64]]
-) -> tuple[Opening, Opening, float]:
+def _ends(surface: Surface, places: dict[str, Floats]) -> tuple[Opening, Opening, float]:
     """Return the openings at s = 0 and at s = 1, and how well the shape distinguishes them."""
     far, near = surface.openings
     if "base" in places:
@@ -260,7 +252,7 @@ def _ends(
     return near, far, strength
 
 
-def sphere_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+def sphere_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
     """Find the longest axis of inertia towards its blunt end, and the widest direction across it.
 
     Raises
@@ -282,10 +274,7 @@ def sphere_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axe
 
 
 def sphere_coordinates(
-    surface: Surface,
-    places: dict[str, NDArray[np.float64]],
-    axes: Axes,
-    report: ShareReport = silent,
+    surface: Surface, places: dict[str, Floats], axes: Axes, report: ShareReport = silent
 ) -> Coordinates:
     """Angle between the poles of the long axis, and azimuth about it.
 

@@ -11,13 +11,13 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
 from modalmotion.mesh.triangles import mean_slopes
 from modalmotion.modes.topology import CLOSED, CUP, CYLINDER, Topology
 from modalmotion.progress import ShareReport, silent
+from modalmotion.representation import Floats, Ints
 from modalmotion.template.landmarks import Coordinates, Landmarks
 from modalmotion.template.surface import Opening, Surface, corner_steps
 
@@ -39,24 +39,22 @@ class Axes:
         How well each is determined, 0 to 1: see `Landmarks`.
     """
 
-    axis: NDArray[np.float64]
-    zero: NDArray[np.float64]
+    axis: Floats
+    zero: Floats
     strengths: Mapping[str, float]
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """The two and the one across both in the columns of a rotation, (3, 3)."""
         return np.stack([self.zero, np.cross(self.axis, self.zero), self.axis], axis=1)
 
-    def turned(self, w: NDArray[np.float64]) -> Axes:
+    def turned(self, w: Floats) -> Axes:
         """Turn both by the rotation vector w, (3,), rad."""
         R = scipy.spatial.transform.Rotation.from_rotvec(w).as_matrix()
         return Axes(R @ self.axis, R @ self.zero, self.strengths)
 
 
-def direction_between(
-    surface: Surface, apex: NDArray[np.float64], base: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def direction_between(surface: Surface, apex: Floats, base: Floats) -> Floats:
     """Find the unit vector from one place to another, (3,).
 
     Raises
@@ -71,22 +69,20 @@ def direction_between(
             "The apex and the base are in the same place, so they give no axis.",
             remedy="Give two places at opposite ends of the surface.",
         )
-    axis: NDArray[np.float64] = span / size
+    axis: Floats = span / size
     return axis
 
 
-def origin_on(
-    surface: Surface, axis: NDArray[np.float64], places: Mapping[str, NDArray[np.float64]]
-) -> NDArray[np.float64]:
+def origin_on(surface: Surface, axis: Floats, places: Mapping[str, Floats]) -> Floats:
     """Foot of the area centroid on the axis through a stated end; the centroid without one."""
     place = places.get("apex", places.get("base"))
     if place is None:
         return surface.centroid
-    foot: NDArray[np.float64] = place + ((surface.centroid - place) @ axis) * axis
+    foot: Floats = place + ((surface.centroid - place) @ axis) * axis
     return foot
 
 
-def principal_axes(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def principal_axes(surface: Surface) -> tuple[Floats, Floats]:
     """Directions in which the surface extends most to least, and its variance along them.
 
     The sense of each is that in which the surface is blunt: its third moment along it is
@@ -107,14 +103,14 @@ def principal_axes(surface: Surface) -> tuple[NDArray[np.float64], NDArray[np.fl
     return np.maximum(variances[::-1], 0.0), directions
 
 
-def skewness(surface: Surface, direction: NDArray[np.float64]) -> float:
+def skewness(surface: Surface, direction: Floats) -> float:
     """Strength of the third moment that gives a direction its sense, 0 to 1."""
     cubes = surface.areas * (surface.offsets @ direction) ** 3
     total = float(np.abs(cubes).sum())
     return abs(float(cubes.sum())) / total if total > 0 else 0.0
 
 
-def lean(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+def lean(surface: Surface, axis: Floats) -> tuple[Floats, float]:
     """Direction across the axis in which the wall leans, and how strongly, 0 to 1.
 
     The product moment of height and offset across the axis. It turns with the surface, is
@@ -126,14 +122,14 @@ def lean(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[np.float6
     return _unit_across(of_axis, axis, float(np.sqrt(max(high * wide, 0.0))))
 
 
-def widest_across(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+def widest_across(surface: Surface, axis: Floats) -> tuple[Floats, float]:
     """Direction across the axis in which the surface is widest, and how strongly, 0 to 1.
 
     For an axis of inertia, along which nothing leans. Its sense is that of `principal_axes`.
     """
     across = np.eye(3) - np.outer(axis, axis)
     variances, columns = np.linalg.eigh(across @ surface.covariance @ across)
-    direction: NDArray[np.float64] = columns[:, 2]
+    direction: Floats = columns[:, 2]
     if float((surface.areas * (surface.offsets @ direction) ** 3).sum()) > 0:
         direction = -direction
     gap = float((variances[2] - variances[1]) / variances[2]) if variances[2] > 0 else 0.0
@@ -141,12 +137,7 @@ def widest_across(surface: Surface, axis: NDArray[np.float64]) -> tuple[NDArray[
     return direction, min(strength, skewness(surface, direction))
 
 
-def towards(
-    place: NDArray[np.float64],
-    origin: NDArray[np.float64],
-    axis: NDArray[np.float64],
-    size: float,
-) -> NDArray[np.float64]:
+def towards(place: Floats, origin: Floats, axis: Floats, size: float) -> Floats:
     """Find the unit vector across the axis towards a place.
 
     Raises
@@ -162,15 +153,15 @@ def towards(
             "The landmark 'theta_zero' is on the axis, where theta has no value.",
             remedy="Give a place on the wall, away from apex and axis.",
         )
-    unit: NDArray[np.float64] = across / length
+    unit: Floats = across / length
     return unit
 
 
 def axes_about(
     surface: Surface,
-    places: Mapping[str, NDArray[np.float64]],
-    axis: NDArray[np.float64],
-    by_shape: tuple[NDArray[np.float64], float],
+    places: Mapping[str, Floats],
+    axis: Floats,
+    by_shape: tuple[Floats, float],
     strengths: Mapping[str, float],
 ) -> Axes:
     """Axes of a known axis, and the zero of theta on it.
@@ -195,11 +186,11 @@ def axes_about(
 
 def landmarks_at(
     surface: Surface,
-    places: Mapping[str, NDArray[np.float64]],
+    places: Mapping[str, Floats],
     axes: Axes,
-    origin: NDArray[np.float64],
-    apex: NDArray[np.float64],
-    base: NDArray[np.float64],
+    origin: Floats,
+    apex: Floats,
+    base: Floats,
     strengths: Mapping[str, float] = MappingProxyType({}),
 ) -> Landmarks:
     """Landmarks on known axes: apex and base as stated, or else these."""
@@ -215,15 +206,13 @@ def landmarks_at(
     )
 
 
-def height_along(offsets: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+def height_along(offsets: Floats, axis: Floats) -> Floats:
     """Height along an axis from 0 to 1, for triangles that are too thin to solve on."""
     height = offsets @ axis
     return np.asarray((height - height.min()) / (np.ptp(height) or 1.0))
 
 
-def azimuth(
-    offsets: NDArray[np.float64], axis: NDArray[np.float64], zero: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def azimuth(offsets: Floats, axis: Floats, zero: Floats) -> Floats:
     """Angle about the axis in turns, (-1/2, 1/2], right-handed for either winding of the mesh.
 
     Parameters
@@ -238,18 +227,18 @@ def azimuth(
     (vertices,) float64, turns
     """
     beside = np.cross(axis, zero).astype(np.float64)
-    turns: NDArray[np.float64] = np.arctan2(offsets @ beside, offsets @ zero)
+    turns: Floats = np.arctan2(offsets @ beside, offsets @ zero)
     return turns / (2 * np.pi)
 
 
-def n_vortices(theta: NDArray[np.float64], faces: NDArray[np.int64]) -> int:
+def n_vortices(theta: Floats, faces: Ints) -> int:
     """Triangles around which theta makes a whole turn: where the axis meets the surface."""
     corners = theta[faces]
     steps = np.roll(corners, -1, axis=1) - corners
     return int((np.abs(np.round(steps).sum(axis=1)) > 0).sum())
 
 
-def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topology) -> float:
+def degree(surface: Surface, coordinates: Floats, topology: Topology) -> float:
     """How many times the coordinates cover their rectangle, folds counted backwards.
 
     1 where every place has its own pair of coordinates; less where theta turns back on itself
@@ -265,17 +254,15 @@ def degree(surface: Surface, coordinates: NDArray[np.float64], topology: Topolog
     return abs(0.5 * float((x[:, 1] * y[:, 2] - x[:, 2] * y[:, 1]).sum()))
 
 
-def any_across(axis: NDArray[np.float64]) -> NDArray[np.float64]:
+def any_across(axis: Floats) -> Floats:
     """Choose some unit vector across the axis, where the shape offers none."""
     one = np.eye(3)[np.argmin(np.abs(axis))]
     one = one - (one @ axis) * axis
-    unit: NDArray[np.float64] = one / np.linalg.norm(one)
+    unit: Floats = one / np.linalg.norm(one)
     return unit
 
 
-def _unit_across(
-    direction: NDArray[np.float64], axis: NDArray[np.float64], spread: float
-) -> tuple[NDArray[np.float64], float]:
+def _unit_across(direction: Floats, axis: Floats, spread: float) -> tuple[Floats, float]:
     direction = direction - (direction @ axis) * axis
     length = float(np.linalg.norm(direction))
     strength = min(1.0, length / spread) if spread > 0 else 0.0
@@ -290,12 +277,8 @@ _GLUE = 1e-12
 
 
 def potential(
-    surface: Surface,
-    sources: NDArray[np.float64],
-    held: NDArray[np.int64],
-    values: NDArray[np.float64],
-    report: ShareReport = silent,
-) -> NDArray[np.float64] | None:
+    surface: Surface, sources: Floats, held: Ints, values: Floats, report: ShareReport = silent
+) -> Floats | None:
     """Solve -Laplace u = sources with u fixed on some vertices, by linear elements.
 
     Parameters
@@ -340,12 +323,8 @@ def potential(
 
 
 def _solved(
-    surface: Surface,
-    sources: NDArray[np.float64],
-    u: NDArray[np.float64],
-    free: NDArray[np.int64],
-    report: ShareReport,
-) -> NDArray[np.float64] | None:
+    surface: Surface, sources: Floats, u: Floats, free: Ints, report: ShareReport
+) -> Floats | None:
     stiffness = _stiffness(surface)
     right = sources[free] - (stiffness @ u)[free]
     try:
@@ -369,7 +348,7 @@ def _stiffness(surface: Surface) -> scipy.sparse.csc_array:
     return scipy.sparse.csc_array(stiffness + _GLUE * float(diagonal.max(initial=1.0)) * springs)
 
 
-Places = dict[str, NDArray[np.float64]]
+Places = dict[str, Floats]
 
 
 # Step of a difference, on a surface of about size 1.
@@ -410,7 +389,7 @@ class Placement:
         """Those of the mean of all frames."""
         return self.axes_of(self.mean, self.mean_places)
 
-    def coordinates(self, axes: Axes, before: NDArray[np.float64]) -> NDArray[np.float64]:
+    def coordinates(self, axes: Axes, before: Floats) -> Floats:
         """Coordinates about other axes, (vertices, axes) float64, like those about its own."""
         surface = self.surface
         if self.topology in (CUP, CYLINDER):
@@ -421,7 +400,7 @@ class Placement:
         found = self.make(surface, self.places, axes)
         return before if found is None else found.values
 
-    def slopes(self) -> NDArray[np.float64]:
+    def slopes(self) -> Floats:
         """Turn of the axes by errors of the mean's positions.
 
         The axes follow from area integrals up to the second moment, from the centres of the
@@ -447,7 +426,7 @@ class Placement:
         for number, opening in enumerate(mean.openings):
 
             def changed(
-                step: NDArray[np.float64], n: int = number, one: Opening = opening
+                step: Floats, n: int = number, one: Opening = opening
             ) -> dict[str, tuple[Opening, ...]]:
                 other = replace(one, centre=one.centre + step[:3], length=one.length + step[3])
                 return {"openings": (*mean.openings[:n], other, *mean.openings[n + 1 :])}
@@ -459,11 +438,8 @@ class Placement:
         return slopes / self.scale
 
     def _turns(
-        self,
-        changed: Callable[[NDArray[np.float64]], Mapping[str, object]],
-        place: str = "",
-        n: int = 3,
-    ) -> NDArray[np.float64]:
+        self, changed: Callable[[Floats], Mapping[str, object]], place: str = "", n: int = 3
+    ) -> Floats:
         """Rotation vector by each direction of a step in parts of the mean, or in a place."""
         before, columns = self.axes.matrix, []
         for step in _STEP * np.eye(n):
@@ -477,5 +453,5 @@ class Placement:
         return np.array(columns).T / (2.0 * _STEP)
 
 
-def _symmetric(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _symmetric(a: Floats, b: Floats) -> Floats:
     return 0.5 * (np.outer(a, b) + np.outer(b, a))

@@ -15,12 +15,12 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import connectivity_of, oriented_faces
-from modalmotion.mesh.normal_lines import vertex_normals as normals_of
+from modalmotion.mesh.geometry import vertex_normals as normals_of
 from modalmotion.numeric.scales import gram, inverse_of_cholesky, lengths
+from modalmotion.representation import Floats
 from modalmotion.template.landmarks import Landmarks
 from modalmotion.template.template import Template, nearest_in_use
 
@@ -32,7 +32,7 @@ class Components(StrEnum):
     CYLINDRICAL = "cylindrical"
 
 
-def body_frame(landmarks: Landmarks) -> NDArray[np.float64]:
+def body_frame(landmarks: Landmarks) -> Floats:
     """Rotation from the coordinates of the input to those of the body.
 
     Parameters
@@ -50,7 +50,7 @@ def body_frame(landmarks: Landmarks) -> NDArray[np.float64]:
     return np.array([zero, across, axis])
 
 
-def local_frames(template: Template) -> NDArray[np.float64]:
+def local_frames(template: Template) -> Floats:
     """Radial, tangential and axial direction at each vertex of the reference.
 
     Parameters
@@ -92,7 +92,7 @@ def local_frames(template: Template) -> NDArray[np.float64]:
     return np.stack([radial, tangential, np.broadcast_to(axis, radial.shape)], axis=1)
 
 
-def to_local(u: NDArray[np.float64], frames: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_local(u: Floats, frames: Floats) -> Floats:
     """Local components of vectors, both with vertices along the memory.
 
     Parameters
@@ -116,7 +116,7 @@ def to_local(u: NDArray[np.float64], frames: NDArray[np.float64]) -> NDArray[np.
     return components
 
 
-def from_local(components: NDArray[np.float64], frames: NDArray[np.float64]) -> NDArray[np.float64]:
+def from_local(components: Floats, frames: Floats) -> Floats:
     """Vectors in the coordinates of the input from their local components.
 
     Parameters
@@ -130,7 +130,7 @@ def from_local(components: NDArray[np.float64], frames: NDArray[np.float64]) -> 
     -------
     (frames, vertices, 3) float64, length unit
     """
-    vectors: NDArray[np.float64] = np.einsum("nij,fni->fnj", frames, components)
+    vectors: Floats = np.einsum("nij,fni->fnj", frames, components)
     return vectors
 
 
@@ -146,7 +146,7 @@ class Direction(StrEnum):
     AXIAL = "axial"
 
 
-def directions_on(template: Template, direction: Direction) -> NDArray[np.float64]:
+def directions_on(template: Template, direction: Direction) -> Floats:
     """Point along a direction at each vertex, by a unit vector.
 
     Parameters
@@ -172,11 +172,11 @@ def directions_on(template: Template, direction: Direction) -> NDArray[np.float6
         return np.broadcast_to(along, (template.n_vertices, 3))
     frames = local_frames(template)
     number = (Direction.RADIAL, Direction.TANGENTIAL, Direction.AXIAL).index(direction)
-    directions: NDArray[np.float64] = frames[:, number]
+    directions: Floats = frames[:, number]
     return directions
 
 
-def vertex_normals(template: Template) -> NDArray[np.float64]:
+def vertex_normals(template: Template) -> Floats:
     """Mean normal, by area, of the triangles around each vertex, outward.
 
     Parameters
@@ -205,7 +205,7 @@ def vertex_normals(template: Template) -> NDArray[np.float64]:
         )
     # At any size: squares of very large or very small numbers overflow or vanish.
     vertices = template.vertices / (float(np.abs(template.vertices).max()) or 1.0)
-    normals: NDArray[np.float64] = normals_of(vertices, faces)
+    normals: Floats = normals_of(vertices, faces)
     offsets = vertices - template.weights @ vertices
     outward = template.weights @ np.einsum("vi,vi->v", normals, offsets)
     # The flux of the offsets is three times the volume inside, signed by the winding.
@@ -225,9 +225,7 @@ _THIN: Final = 1e-6
 _RIDGE: Final = 1e-12
 
 
-def unit_coordinates(
-    rest: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def unit_coordinates(rest: Floats, weights: Floats) -> Floats:
     """Coordinates along the principal axes and 1, each with mean square 1 and uncorrelated.
 
     Parameters
@@ -249,7 +247,7 @@ def unit_coordinates(
     return np.concatenate([along, np.ones((len(y), 1))], axis=1)
 
 
-def affine_shapes(shapes: NDArray[np.float64], template: Template) -> NDArray[np.float64]:
+def affine_shapes(shapes: Floats, template: Template) -> Floats:
     """Mode shapes whose superposition is exact for affine motions.
 
     Parameters

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
@@ -15,7 +14,7 @@ from modalmotion.mesh.triangles import curve_weights
 from modalmotion.modes.topology import CYLINDER, SPHERE, Topology, lattice_coordinates
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.progress import ShareReport, part_of, silent
-from modalmotion.representation import counted
+from modalmotion.representation import Floats, Ints, counted
 from modalmotion.template.axial_coordinates import AXIAL
 from modalmotion.template.axis import Placement, degree
 from modalmotion.template.landmarks import (
@@ -50,8 +49,8 @@ def shares_of(
     sequence: MeshSequence,
     topology: Topology | None,
     notes: list[str],
-    first: NDArray[np.int64],
-) -> NDArray[np.float64]:
+    first: Ints,
+) -> Floats:
     """Shares of vertices in rotation, fit and error, (vertices,) float64; they add up to 1.
 
     Parameters
@@ -80,7 +79,7 @@ def shares_of(
     weightless = int((areas[first] == 0).sum())
     if weightless:
         notes.append(f"{weightless} vertices belong to no area and have no weight in the fit.")
-    shares: NDArray[np.float64] = areas / total
+    shares: Floats = areas / total
     return shares
 
 
@@ -305,12 +304,8 @@ def _decide(
 
 
 def _of_lattice(
-    grid: tuple[int, ...],
-    topology: Topology,
-    mean: Surface,
-    *,
-    of_surface: bool,
-) -> tuple[Coordinates | None, dict[str, NDArray[np.float64]]]:
+    grid: tuple[int, ...], topology: Topology, mean: Surface, *, of_surface: bool
+) -> tuple[Coordinates | None, dict[str, Floats]]:
     """Coordinates by rows and columns; or where those of the surface, if wanted, begin."""
     values = lattice_coordinates(topology, grid)
     landmarks = lattice_landmarks(mean, topology, values)
@@ -323,7 +318,7 @@ def _of_lattice(
     return None, places
 
 
-def _faces_of(sequence: MeshSequence) -> NDArray[np.int64]:
+def _faces_of(sequence: MeshSequence) -> Ints:
     if len(sequence.faces) or sequence.grid is None or sequence.topology is None:
         return sequence.faces
     if sequence.topology.n_axes == 2 and min(sequence.grid) > 1:
@@ -331,7 +326,7 @@ def _faces_of(sequence: MeshSequence) -> NDArray[np.int64]:
     return sequence.faces
 
 
-def _require_left(faces: NDArray[np.int64]) -> None:
+def _require_left(faces: Ints) -> None:
     """Refuse a surface of which merging leaves no triangle."""
     a, b, c = faces.T
     if ((a == b) | (b == c) | (c == a)).all():
@@ -343,9 +338,7 @@ def _require_left(faces: NDArray[np.int64]) -> None:
         )
 
 
-def _normalised(
-    start: NDArray[np.float64], faces: NDArray[np.int64]
-) -> tuple[Surface, NDArray[np.float64], float]:
+def _normalised(start: Floats, faces: Ints) -> tuple[Surface, Floats, float]:
     """Bring the surface near the origin and near size 1: position = scale * result + corner.
 
     Vertices in no triangle may lie anywhere and must not set the scale: they are put into
@@ -363,7 +356,7 @@ def _normalised(
     return surface, corner, scale
 
 
-def _mean_surface(surface: Surface, middle: NDArray[np.float64]) -> Surface:
+def _mean_surface(surface: Surface, middle: Floats) -> Surface:
     """Move the triangles to the mean of all frames, its area centroid to the reference's."""
     middle = middle.copy()
     middle[surface.isolated] = surface.vertices[surface.isolated]
@@ -373,9 +366,7 @@ def _mean_surface(surface: Surface, middle: NDArray[np.float64]) -> Surface:
     return replace(mean, vertices=mean.vertices + (surface.centroid - mean.centroid))
 
 
-def _carried_over(
-    values: NDArray[np.float64], start: NDArray[np.float64], isolated: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _carried_over(values: Floats, start: Floats, isolated: Ints) -> Floats:
     """Coordinates with isolated vertices at those of the nearest vertex in use."""
     if not len(isolated):
         return values
@@ -384,7 +375,7 @@ def _carried_over(
     return values
 
 
-def _notes_on_merging(representatives: NDArray[np.int64]) -> list[str]:
+def _notes_on_merging(representatives: Ints) -> list[str]:
     """Note how many vertices were merged with others: see `Template.representatives`."""
     others = np.flatnonzero(representatives != np.arange(len(representatives)))
     if not len(others):
@@ -398,7 +389,7 @@ def _notes_on_merging(representatives: NDArray[np.int64]) -> list[str]:
     return [text]
 
 
-def _notes_on_mesh(surface: Surface, isolated: NDArray[np.int64]) -> list[str]:
+def _notes_on_mesh(surface: Surface, isolated: Ints) -> list[str]:
     """Name the parts of a mesh outside its surface.
 
     Parameters

@@ -7,13 +7,12 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Corners, Facts, Place
 from modalmotion.mesh.facts import CORNERS, landmark_of
 from modalmotion.modes.topology import CLOSED, Topology
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.template.surface import Surface
 
 # Below this a direction from an integral turns by more than a few degrees when the same
@@ -116,11 +115,11 @@ class Landmarks:
         Names of those that the sender stated.
     """
 
-    origin: NDArray[np.float64]
-    axis: NDArray[np.float64]
-    theta_zero: NDArray[np.float64]
-    apex: NDArray[np.float64]
-    base: NDArray[np.float64]
+    origin: Floats
+    axis: Floats
+    theta_zero: Floats
+    apex: Floats
+    base: Floats
     strengths: Mapping[str, float]
     n_loops: int
     given: tuple[str, ...] = ()
@@ -135,7 +134,7 @@ class Landmarks:
         """Names of the landmarks that the shape does not determine."""
         return tuple(name for name, strength in self.strengths.items() if strength < WEAK)
 
-    def placed(self, corner: NDArray[np.float64], scale: float) -> Landmarks:
+    def placed(self, corner: Floats, scale: float) -> Landmarks:
         """Return the same landmarks in other coordinates: scale * position + corner."""
         places = (self.origin, self.apex, self.base)
         origin, apex, base = (place * scale + corner for place in places)
@@ -154,9 +153,7 @@ LANDMARKS_ON: Final[dict[str, tuple[str, ...]]] = {
 """Landmarks that each topology reads."""
 
 
-def resolve_places(
-    landmarks: GivenLandmarks, vertices: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
+def resolve_places(landmarks: GivenLandmarks, vertices: Floats) -> dict[str, Floats]:
     """Positions of the stated landmarks in the reference frame, (3,) or (4, 3), length unit.
 
     Raises
@@ -201,12 +198,11 @@ def require_used(landmarks: GivenLandmarks, topology: Topology | None, *, is_lat
                 f"The landmark '{name}' means nothing on a {surface}.",
                 remedy=(f"Give {', '.join(used)}." if used else "Leave the landmarks out.")
                 + " Where the sequence's facts state it, take it out of them.",
-                details={"landmark": name},
             )
 
 
 def lattice_landmarks(
-    surface: Surface, topology: Topology, coordinates: NDArray[np.float64]
+    surface: Surface, topology: Topology, coordinates: Floats
 ) -> Landmarks | None:
     """Axis along which s grows, and the direction in which theta is 0.
 
@@ -276,6 +272,6 @@ class Coordinates:
     """
 
     topology: Topology
-    values: NDArray[np.float64]
+    values: Floats
     landmarks: Landmarks | None
     notes: tuple[str, ...] = ()

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.triangles import curve_weights, step_lengths
 from modalmotion.modes.topology import CLOSED_CURVE, PLANE, TORUS, Topology
 from modalmotion.progress import ShareReport, part_of, silent
+from modalmotion.representation import Floats, Ints
 from modalmotion.template.axis import (
     Axes,
     any_across,
@@ -29,7 +29,7 @@ from modalmotion.template.landmarks import Coordinates, Landmarks
 from modalmotion.template.surface import Surface
 
 
-def plane_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+def plane_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
     """Find the normal, and the longest axis of inertia or the side between stated corners."""
     variances, directions = principal_axes(surface)
     long = directions[0]
@@ -48,10 +48,7 @@ def plane_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes
 
 
 def plane_coordinates(
-    surface: Surface,
-    places: dict[str, NDArray[np.float64]],
-    axes: Axes,
-    report: ShareReport = silent,
+    surface: Surface, places: dict[str, Floats], axes: Axes, report: ShareReport = silent
 ) -> Coordinates:
     """Place along the longer and the shorter axis of inertia, or between four stated corners.
 
@@ -92,7 +89,7 @@ def plane_coordinates(
     return Coordinates(PLANE, values, landmarks, tuple(notes))
 
 
-def _rim_positions(surface: Surface, corners: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+def _rim_positions(surface: Surface, corners: Floats) -> list[Ints]:
     """Rim vertices on each of the four sides, both corners included."""
     rim = _in_order(surface.connectivity.loops[0])
     places = surface.vertices[rim]
@@ -115,9 +112,7 @@ def _rim_positions(surface: Surface, corners: NDArray[np.float64]) -> list[NDArr
     return [np.take(rim, np.arange(ends[i], ends[i + 1] + 1), mode="wrap") for i in range(4)]
 
 
-def _between_corners(
-    surface: Surface, sides: list[NDArray[np.int64]], report: ShareReport
-) -> NDArray[np.float64] | None:
+def _between_corners(surface: Surface, sides: list[Ints], report: ShareReport) -> Floats | None:
     # Sides in order: t = 0, s = 1, t = 1, s = 0. Each coordinate is harmonic between two.
     columns = []
     for k, (low, high) in enumerate(((sides[3], sides[1]), (sides[0], sides[2]))):
@@ -131,7 +126,7 @@ def _between_corners(
     return np.clip(np.stack(columns, axis=1), 0.0, 1.0)
 
 
-def _in_order(loop: NDArray[np.int64]) -> NDArray[np.int64]:
+def _in_order(loop: Ints) -> Ints:
     """Vertices of a closed loop of edges, one after the other."""
     neighbours: dict[int, list[int]] = {}
     for a, b in loop.tolist():
@@ -149,7 +144,7 @@ def _in_order(loop: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.array(order)
 
 
-def torus_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes:
+def torus_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
     """Find the shortest axis of inertia, towards the stated base, and the widest across it.
 
     Raises
@@ -171,10 +166,7 @@ def torus_axes(surface: Surface, places: dict[str, NDArray[np.float64]]) -> Axes
 
 
 def torus_coordinates(
-    surface: Surface,
-    places: dict[str, NDArray[np.float64]],
-    axes: Axes,
-    _: ShareReport = silent,
+    surface: Surface, places: dict[str, Floats], axes: Axes, _: ShareReport = silent
 ) -> Coordinates | None:
     """Angle around the tube and angle around the hole.
 
@@ -215,7 +207,7 @@ OTHERS: Final = {PLANE: (plane_axes, plane_coordinates), TORUS: (torus_axes, tor
 
 
 def curve_coordinates(
-    vertices: NDArray[np.float64], topology: Topology, places: dict[str, NDArray[np.float64]]
+    vertices: Floats, topology: Topology, places: dict[str, Floats]
 ) -> Coordinates:
     """Arc length of the reference from the first vertex on, as a share of the whole.
 
@@ -251,15 +243,27 @@ def curve_coordinates(
             values = np.append(reached, total)[: len(vertices)] / total
     weights = curve_weights(vertices, topology)
     centre = (weights @ vertices) / (weights.sum() or 1.0)
-    landmarks = (_closed if closed else _open)(vertices, centre, total_or_one, places)
+    axis, strength, zero, zero_strength = (
+        _closed(vertices, centre, total_or_one, places.get("theta_zero"))
+        if closed
+        else _open(vertices, centre, total_or_one)
+    )
+    landmarks = Landmarks(
+        origin=centre,
+        axis=axis,
+        theta_zero=zero,
+        apex=centre if closed else vertices[0],
+        base=centre if closed else vertices[-1],
+        strengths={"axis": strength, "theta_zero": zero_strength},
+        n_loops=0,
+        given=tuple(places),
+    )
     if closed and "theta_zero" in places:
         values = values - _nearest(vertices, steps, places["theta_zero"]) / total_or_one
     return Coordinates(topology, values[:, None], landmarks, tuple(notes))
 
 
-def _nearest(
-    vertices: NDArray[np.float64], steps: NDArray[np.float64], place: NDArray[np.float64]
-) -> float:
+def _nearest(vertices: Floats, steps: Floats, place: Floats) -> float:
     """Length along a closed curve at which it comes nearest to a place."""
     sides = np.roll(vertices, -1, axis=0) - vertices
     reach = np.einsum("ij,ij->i", place - vertices, sides) / np.where(steps > 0, steps**2, 1.0)
@@ -269,51 +273,30 @@ def _nearest(
     return float(steps[:k].sum() + share[k] * steps[k])
 
 
-def _closed(
-    vertices: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    length: float,
-    places: dict[str, NDArray[np.float64]],
-) -> Landmarks:
+_Axes = tuple[Floats, float, Floats, float]
+"""The axis and theta_zero of a curve, each with its strength."""
+
+
+def _closed(vertices: Floats, centre: Floats, length: float, stated: Floats | None) -> _Axes:
     # The axis is the area vector: half the integral of x times dx.
     offsets = vertices - centre
     area = 0.5 * np.cross(offsets, np.roll(offsets, -1, axis=0)).sum(axis=0)
     size = float(np.linalg.norm(area))
     # Of all curves of one length the circle has the largest area, L^2 / 4 pi.
     strength = min(1.0, size * 4 * np.pi / length**2)
-    start = places.get("theta_zero", vertices[0])
-    if strength > 1e-9:
-        axis = area / size
-        across = start - centre - ((start - centre) @ axis) * axis
-        reach = float(np.linalg.norm(across))
-        named = "theta_zero" in places
-        zero = (
-            towards(start, centre, axis, length)
-            if named or reach > 1e-6 * length
-            else any_across(axis)
-        )
-    else:
-        axis, strength = np.array([0.0, 0.0, 1.0]), 0.0
-        zero = any_across(axis)
-    return Landmarks(
-        origin=centre,
-        axis=axis,
-        theta_zero=zero,
-        apex=centre,
-        base=centre,
-        # The sender decides which vertex is first.
-        strengths={"axis": strength, "theta_zero": 1.0 if strength > 0 else 0.0},
-        n_loops=0,
-        given=tuple(places),
-    )
+    if not strength > 1e-9:
+        axis = np.array([0.0, 0.0, 1.0])
+        return axis, 0.0, any_across(axis), 0.0
+    axis = area / size
+    # The sender decides which vertex is first.
+    start = vertices[0] if stated is None else stated
+    across = start - centre - ((start - centre) @ axis) * axis
+    if stated is None and not float(np.linalg.norm(across)) > 1e-6 * length:
+        return axis, strength, any_across(axis), 1.0
+    return axis, strength, towards(start, centre, axis, length), 1.0
 
 
-def _open(
-    vertices: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    length: float,
-    places: dict[str, NDArray[np.float64]],
-) -> Landmarks:
+def _open(vertices: Floats, centre: Floats, length: float) -> _Axes:
     # The axis is the chord; theta_zero points to the side on which the curve bulges.
     chord = vertices[-1] - vertices[0]
     reach = float(np.linalg.norm(chord))
@@ -322,22 +305,10 @@ def _open(
         axis = chord / reach
     else:
         offsets = vertices - centre
-        axis = np.linalg.eigh((offsets * np.ones(len(vertices))[:, None]).T @ offsets)[1][:, 2]
-        strength = 0.0
+        axis, strength = np.linalg.eigh(offsets.T @ offsets)[1][:, 2], 0.0
     bulge = centre - (vertices[0] + vertices[-1]) / 2
     bulge = bulge - (bulge @ axis) * axis
     height = float(np.linalg.norm(bulge))
-    is_straight = not height > 1e-9 * length
-    return Landmarks(
-        origin=centre,
-        axis=axis,
-        theta_zero=any_across(axis) if is_straight else bulge / height,
-        apex=vertices[0],
-        base=vertices[-1],
-        strengths={
-            "axis": strength,
-            "theta_zero": 0.0 if is_straight else min(1.0, height / length * 4),
-        },
-        n_loops=0,
-        given=tuple(places),
-    )
+    if not height > 1e-9 * length:
+        return axis, strength, any_across(axis), 0.0
+    return axis, strength, bulge / height, min(1.0, height / length * 4)

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import Connectivity, connectivity_of, oriented_faces, vertex_areas
@@ -24,7 +23,7 @@ from modalmotion.modes.topology import (
     End,
     Topology,
 )
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 
 
 @shown("vertices", "faces")
@@ -41,12 +40,12 @@ class Surface:
     connectivity : Connectivity
     """
 
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    areas: NDArray[np.float64]
+    vertices: Floats
+    faces: Ints
+    areas: Floats
     connectivity: Connectivity
 
-    def moved_to(self, vertices: NDArray[np.float64]) -> Surface:
+    def moved_to(self, vertices: Floats) -> Surface:
         """Give the same triangles at other places, (vertices, 3)."""
         return replace(self, vertices=vertices, areas=vertex_areas(vertices, self.faces))
 
@@ -56,27 +55,27 @@ class Surface:
         return float(self.areas.sum())
 
     @cached_property
-    def centroid(self) -> NDArray[np.float64]:
+    def centroid(self) -> Floats:
         """Area centroid, (3,)."""
         return (self.areas @ self.vertices) / self.area
 
     @cached_property
-    def offsets(self) -> NDArray[np.float64]:
+    def offsets(self) -> Floats:
         """Positions from the area centroid, (vertices, 3)."""
         return self.vertices - self.centroid
 
     @cached_property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Floats:
         """Second moments of its area about the centroid, over the area, (3, 3)."""
         return ((self.offsets * self.areas[:, None]).T @ self.offsets) / self.area
 
     @cached_property
-    def wound_faces(self) -> NDArray[np.int64] | None:
+    def wound_faces(self) -> Ints | None:
         """Triangles wound the same way round: see `oriented_faces`."""
         return oriented_faces(self.faces, len(self.vertices))
 
     @property
-    def isolated(self) -> NDArray[np.int64]:
+    def isolated(self) -> Ints:
         """Vertices in no triangle."""
         return self.connectivity.isolated
 
@@ -87,7 +86,7 @@ class Surface:
         return tuple(sorted(openings, key=lambda opening: -opening.length))
 
     @cached_property
-    def base(self) -> NDArray[np.float64]:
+    def base(self) -> Floats:
         """Centroid of all openings by length, (3,)."""
         return mean_of(self.openings)
 
@@ -105,13 +104,13 @@ class Opening:
     edges : (edges, 2) int64
     """
 
-    vertices: NDArray[np.int64]
-    centre: NDArray[np.float64]
+    vertices: Ints
+    centre: Floats
     length: float
-    edges: NDArray[np.int64]
+    edges: Ints
 
     @staticmethod
-    def of(vertices: NDArray[np.float64], loop: NDArray[np.int64]) -> Opening:
+    def of(vertices: Floats, loop: Ints) -> Opening:
         """Measure a loop of edges, (edges, 2)."""
         a, b = vertices[loop[:, 0]], vertices[loop[:, 1]]
         lengths = np.linalg.norm(b - a, axis=1)
@@ -119,12 +118,7 @@ class Opening:
         centre = (lengths @ ((a + b) / 2)) / total if total > 0 else a.mean(axis=0)
         return Opening(np.unique(loop), centre, total, loop)
 
-    def slopes(
-        self,
-        vertices: NDArray[np.float64],
-        weights: NDArray[np.float64],
-        of_length: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def slopes(self, vertices: Floats, weights: Floats, of_length: Floats) -> Floats:
         """Differentiate weights @ centre + of_length * length by the positions.
 
         Parameters
@@ -152,7 +146,7 @@ class Opening:
         return slopes
 
 
-def mean_of(openings: tuple[Opening, ...]) -> NDArray[np.float64]:
+def mean_of(openings: tuple[Opening, ...]) -> Floats:
     """Centroid of several openings by length, (3,)."""
     lengths = np.array([opening.length for opening in openings])
     centres = np.stack([opening.centre for opening in openings])
@@ -161,7 +155,7 @@ def mean_of(openings: tuple[Opening, ...]) -> NDArray[np.float64]:
     return shares @ centres
 
 
-def surface_of(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Surface:
+def surface_of(vertices: Floats, faces: Ints) -> Surface:
     """Measure a mesh.
 
     Parameters
@@ -170,7 +164,7 @@ def surface_of(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Surfa
     faces : (faces, 3) int64
     """
     connectivity = connectivity_of(faces, len(vertices))
-    proper: NDArray[np.int64] = np.delete(faces, connectivity.left_out, axis=0)
+    proper: Ints = np.delete(faces, connectivity.left_out, axis=0)
     return Surface(vertices, proper, vertex_areas(vertices, proper), connectivity)
 
 
@@ -179,12 +173,7 @@ def surface_of(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Surfa
 _ROUNDS: Final = 2
 
 
-def steady_shape(
-    start: NDArray[np.float64],
-    middle: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    topology: Topology | None,
-) -> NDArray[np.float64]:
+def steady_shape(start: Floats, middle: Floats, faces: Ints, topology: Topology | None) -> Floats:
     """Take out of a reference the roughness that its frame alone has.
 
     The mean of all frames, and the reference's difference from it as far as it is smooth: over
@@ -221,7 +210,7 @@ def steady_shape(
     counts = np.diff(averages.indptr)
     averages.data = np.repeat(1.0 / counts, counts)
 
-    def smooth(field: NDArray[np.float64]) -> NDArray[np.float64]:
+    def smooth(field: Floats) -> Floats:
         for _ in range(_ROUNDS):
             field = averages @ field
         return field
@@ -230,7 +219,7 @@ def steady_shape(
     return middle + once + smooth(apart - once)
 
 
-def corner_steps(angle: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+def corner_steps(angle: Floats, faces: Ints) -> Floats:
     """Take an angle in turns to each triangle's corners, unwrapped about the first, (faces, 3)."""
     corners = angle[faces]
     corners = corners - corners[:, :1]
@@ -239,10 +228,7 @@ def corner_steps(angle: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArra
 
 
 def axis_lengths(
-    surface: Surface,
-    topology: Topology,
-    grid: tuple[int, ...] | None,
-    coordinates: NDArray[np.float64],
+    surface: Surface, topology: Topology, grid: tuple[int, ...] | None, coordinates: Floats
 ) -> tuple[float, ...]:
     """Length along each axis: the reciprocal of the mean gradient of its coordinate.
 
@@ -270,7 +256,7 @@ def axis_lengths(
     )
 
 
-def _from_gradients(surface: Surface, coordinate: NDArray[np.float64], closed: bool) -> float:
+def _from_gradients(surface: Surface, coordinate: Floats, closed: bool) -> float:
     areas = face_areas(surface.vertices, surface.faces)
     values = corner_steps(coordinate, surface.faces) if closed else coordinate
     gradients = face_gradients(surface.vertices, surface.faces, values)
@@ -278,7 +264,7 @@ def _from_gradients(surface: Surface, coordinate: NDArray[np.float64], closed: b
     return 1.0 / mean if mean > 0 else 0.0
 
 
-def _from_steps(nodes: NDArray[np.float64], axis: int, closed: bool) -> float:
+def _from_steps(nodes: Floats, axis: int, closed: bool) -> float:
     n = nodes.shape[axis]
     ahead = np.roll(nodes, -1, axis=axis) if closed else np.take(nodes, range(1, n), axis=axis)
     here = nodes if closed else np.take(nodes, range(n - 1), axis=axis)
@@ -316,7 +302,7 @@ def base_openings(surface: Surface) -> tuple[Opening, ...]:
     return tuple(opening for opening in surface.openings if opening is not cut)
 
 
-def base_of(surface: Surface) -> NDArray[np.float64]:
+def base_of(surface: Surface) -> Floats:
     """Centroid of the base's openings by length, (3,)."""
     return mean_of(base_openings(surface))
 
@@ -381,7 +367,6 @@ def require_fit(surface: Surface, stated: Topology) -> None:
         raise TopologyError(
             f"A {stated} was stated, but nothing joins the {len(surface.vertices)} vertices.",
             remedy="Send triangles, or the shape of the lattice that the vertices form (grid).",
-            details={"stated": stated.name},
         )
     connectivity = surface.connectivity
     n = len(surface.openings)
@@ -400,7 +385,6 @@ def require_fit(surface: Surface, stated: Topology) -> None:
         remedy=f"State {names}, or leave the topology out."
         if possible
         else "Leave the topology out: the mesh then gets the spring modes of its own connectivity.",
-        details={"stated": stated.name, **connectivity.details()},
     )
 
 

@@ -1,24 +1,26 @@
-"""Templates: surfaces before they move, and the modes on them."""
+"""Templates: surfaces before they move, the modes on them, and their HDF5 files."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.spring_modes import Modes, spring_modes
 from modalmotion.modes.mode_set import lowest_modes, whole_count
-from modalmotion.modes.topology import CUP, CYLINDER, Topology
+from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 from modalmotion.template.axis import Placement
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
 
@@ -68,14 +70,14 @@ class Template(FrozenArrays):
 
     id: str
     surface: Topology | None
-    coordinates: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    coordinates: Floats
+    weights: Floats
     lengths: tuple[float, ...]
     landmarks: Landmarks | None
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    representatives: NDArray[np.int64]
-    isolated: NDArray[np.int64]
+    vertices: Floats
+    faces: Ints
+    representatives: Ints
+    isolated: Ints
     reason: str
     notes: tuple[str, ...]
     placement: Placement | None = None
@@ -103,7 +105,7 @@ class Template(FrozenArrays):
             )
         return self.surface
 
-    def turned(self, w: NDArray[np.float64]) -> Template:
+    def turned(self, w: Floats) -> Template:
         """Return the same about axes that are turned by a rotation vector w, (3,), rad.
 
         Of a template with a placement.
@@ -166,7 +168,7 @@ def is_placed_by_shape(sequence: MeshSequence) -> bool:
     return has_cells and sequence.topology in (CUP, CYLINDER)
 
 
-def is_merged(representatives: NDArray[np.int64]) -> bool:
+def is_merged(representatives: Ints) -> bool:
     """Whether a vertex stands for another: see `MeshSequence.representatives`."""
     return bool((representatives != np.arange(len(representatives))).any())
 
@@ -195,7 +197,6 @@ def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
             f"The template has {template.n_vertices} vertices, the sequence {sequence.n_vertices}.",
             remedy="Use a template whose vertices correspond one to one, or none: each sequence "
             "then gets its own.",
-            details={"template": template.n_vertices, "sequence": sequence.n_vertices},
         )
     faces = template.representatives[sequence.faces]
     if len(faces) and not np.array_equal(faces, template.faces):
@@ -225,9 +226,7 @@ def require_wave_speed(wave_speed: float) -> None:
         )
 
 
-def frequencies_of(
-    modes: Modes, template: Template, wave_speed: float = 1.0
-) -> NDArray[np.float64]:
+def frequencies_of(modes: Modes, template: Template, wave_speed: float = 1.0) -> Floats:
     """Angular frequencies w = c k of modes on a template's surface.
 
     Parameters
@@ -263,7 +262,7 @@ def frequencies_of(
 _FARTHEST: Final = 1e6
 
 
-def nearest_in_use(vertices: NDArray[np.float64], isolated: NDArray[np.int64]) -> NDArray[np.int64]:
+def nearest_in_use(vertices: Floats, isolated: Ints) -> Ints:
     """Vertex of the surface nearest to each isolated one.
 
     Parameters
@@ -285,11 +284,11 @@ def nearest_in_use(vertices: NDArray[np.float64], isolated: NDArray[np.int64]) -
     scale = power_of_two(float(np.abs(surface).max(initial=0.0)))
     with np.errstate(over="ignore"):
         apart = np.clip((vertices[isolated] - corner) / scale, -_FARTHEST, _FARTHEST)
-    nearest: NDArray[np.int64] = used[scipy.spatial.cKDTree(surface / scale).query(apart)[1]]
+    nearest: Ints = used[scipy.spatial.cKDTree(surface / scale).query(apart)[1]]
     return nearest
 
 
-def shapes_of(modes: Modes, template: Template) -> NDArray[np.float64]:
+def shapes_of(modes: Modes, template: Template) -> Floats:
     """Mode shapes at all vertices of a template, isolated ones as their nearest in use.
 
     Returns
@@ -333,7 +332,7 @@ def choose_modes(
             "These are the spring modes of this mesh; their amplitudes compare with those of "
             "meshes of the same connectivity only."
         )
-        return springs.at(template.representatives), (note,)
+        return replace(springs, shapes=springs.shapes[template.representatives]), (note,)
     n_whole = whole_count(template.surface, n_modes, grid)
     chosen = lowest_modes(template.surface, n_whole, grid)
     if n_whole == n_modes:
@@ -343,3 +342,109 @@ def choose_modes(
         f"({3 * n_whole} amplitudes a frame)."
     )
     return chosen, (note,)
+
+
+FORM: Final = Form("template", 1)
+
+
+def template_to_hdf5(template: Template) -> bytes:
+    """Write a template as a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    template : Template
+
+    Returns
+    -------
+    bytes
+        The same for the same template.
+    """
+    length = "length unit of the sequence"
+    datasets = [
+        Dataset("coordinates", template.coordinates, "1", "vertex, axis"),
+        Dataset("weights", template.weights, "1", "vertex"),
+        Dataset("lengths", np.array(template.lengths, dtype=np.float64), length, "axis"),
+        Dataset("vertices", template.vertices, length, "vertex, direction"),
+        Dataset("faces", template.faces.astype("<i8", copy=False), "1", "face, corner"),
+        Dataset("isolated", template.isolated.astype("<i8", copy=False), "1", "vertex"),
+        json_text("texts", {"reason": template.reason, "notes": template.notes}),
+    ]
+    if is_merged(template.representatives):
+        first = template.representatives.astype("<i8", copy=False)
+        datasets.append(Dataset("representatives", first, "1", "vertex"))
+    if template.landmarks is not None:
+        datasets += landmark_datasets(template.landmarks, length)
+    topology = MESH if template.surface is None else template.surface.name
+    return FORM.image({"template_id": template.id}, datasets, topology=topology)
+
+
+def template_from_hdf5(source: bytes | Path) -> Template:
+    """Read a template, bit for bit as it was written.
+
+    Parameters
+    ----------
+    source : bytes or Path
+
+    Raises
+    ------
+    StoreError
+        As in `Form.read`.
+    """
+    return read_template(source)[0]
+
+
+def read_template(source: bytes | Path) -> tuple[Template, Contents]:
+    """Read a template together with the contents of its file."""
+    with FORM.read(source) as contents:
+        return _template(contents), contents
+
+
+def _template(contents: Contents) -> Template:
+    name = contents.text("topology")
+    weights = contents.array("weights", (None,))
+    texts = contents.json("texts", dict)
+    return Template(
+        id=contents.text("template_id"),
+        surface=None if name == MESH else Topology.parse(name),
+        coordinates=contents.array("coordinates", (len(weights), None)),
+        weights=weights,
+        lengths=tuple(contents.array("lengths", (None,)).tolist()),
+        landmarks=landmarks_from(contents),
+        vertices=contents.array("vertices", (len(weights), 3)),
+        faces=contents.array("faces", (None, 3)),
+        representatives=contents.array("representatives", (len(weights),))
+        if "representatives" in contents.arrays
+        else np.arange(len(weights)),
+        isolated=contents.array("isolated", (None,)),
+        reason=texts["reason"],
+        notes=tuple(texts["notes"]),
+    )
+
+
+_VECTORS: Final = ("origin", "axis", "theta_zero", "apex", "base")
+
+
+def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
+    """Datasets that contain landmarks."""
+    vectors = np.array([getattr(landmarks, name) for name in _VECTORS], dtype=np.float64)
+    rest = {
+        "strengths": dict(landmarks.strengths),
+        "n_loops": landmarks.n_loops,
+        "given": landmarks.given,
+    }
+    axes = "origin axis theta_zero apex base, direction"
+    return [Dataset("landmarks", vectors, unit, axes), json_text("landmark_strengths", rest)]
+
+
+def landmarks_from(contents: Contents) -> Landmarks | None:
+    """Landmarks that a file holds, None if there are none."""
+    if "landmarks" not in contents.arrays:
+        return None
+    vectors = contents.array("landmarks", (len(_VECTORS), 3))
+    rest = contents.json("landmark_strengths", dict)
+    return Landmarks(
+        **dict(zip(_VECTORS, vectors, strict=True)),
+        strengths=rest["strengths"],
+        n_loops=rest["n_loops"],
+        given=tuple(rest["given"]),
+    )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.mesh import connectivity_of
@@ -13,7 +12,7 @@ from modalmotion.mesh.spring_modes import Modes, spring_modes, whole_counts
 from modalmotion.modes import ModeLabel, ModeSet
 from modalmotion.modes.lattice import Lattice, modes_named
 from modalmotion.modes.topology import MESH
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.template.template import Template, choose_modes, frequencies_of, shapes_of
 
 
@@ -37,8 +36,8 @@ class VibrationModes:
 
     surface: str
     labels: tuple[ModeLabel, ...]
-    angular_frequencies: NDArray[np.float64]
-    shapes: NDArray[np.float64]
+    angular_frequencies: Floats
+    shapes: Floats
     frequency_unit: str
     notes: tuple[str, ...] = ()
 
@@ -92,7 +91,6 @@ def surface_modes(template: Template, n_modes: int, wave_speed: float = 1.0) -> 
         raise ModeCountError(
             f"{n_modes} modes were requested on {template.n_vertices} vertices.",
             remedy=f"Ask for at most {most} modes.",
-            details={"modes": n_modes, "most": most},
         )
     return _of_template(template, modes, wave_speed, notes)
 
@@ -168,5 +166,4 @@ def _require_shown(template: Template, modes: ModeSet) -> None:
             f"The waves of {label} are shorter than two steps of this mesh, which cannot show "
             "them.",
             remedy="Use smaller wavenumbers, or a finer mesh.",
-            details={"label": str(label)},
         )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.triangles import face_normals
 from modalmotion.modes import ModeSet, lowest_modes, whole_count
 from modalmotion.modes.topology import CLOSED, OPEN_CURVE, End

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas, vertex_areas
-from modalmotion.mesh.cavity import lid_gradient, volume_gradient
 from modalmotion.mesh.checks import Uncertainty
+from modalmotion.mesh.geometry import lid_gradient, volume_gradient
 from modalmotion.template import Template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import FirstShape

@@ -13,8 +13,8 @@ from modalmotion.images import Plane, PlaneSet, Volume
 from modalmotion.images.edges import Edges, Levels, find_edges, offsets_of
 from modalmotion.images.sequence import Image
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.normal_lines import Edges as MeshEdges
-from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.geometry import Edges as MeshEdges
+from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.tracking.observation import Observation
 
 Floats = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Facets:
     Parameters
     ----------
     faces : (faces, 3) int64
-    edges : modalmotion.mesh.normal_lines.Edges
+    edges : modalmotion.mesh.geometry.Edges
     outward : float
         1 where triangles are wound outward, -1 inward.
     vertices : (n,) int64

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.cavity import volume_gradient
+from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.modes.topology import CUP
 from modalmotion.template import Template
 from modalmotion.tracking.observation import Frame, Observation, ends_in

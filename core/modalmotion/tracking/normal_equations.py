@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.triangles import face_normals
 from modalmotion.numeric.scales import gram
 from modalmotion.tracking.closest import Matches, closest_points

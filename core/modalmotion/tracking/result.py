@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import TopologyError
-from modalmotion.mesh.cavity import Cavity, cavity_of
 from modalmotion.mesh.checks import difference_deviation
-from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.geometry import Cavity, cavity_of, vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE

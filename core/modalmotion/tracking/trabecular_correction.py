@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from modalmotion.images.sequence import Image
 from modalmotion.mesh import Cavity, face_areas
-from modalmotion.mesh.normal_lines import vertex_normals
+from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.triangles import vertex_areas
 from modalmotion.modes.topology import CUP

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import parts_of
+from modalmotion.representation import Floats
 from modalmotion.tracking.result import Track
 
 MAGIC: Final = b"MMVIEW1\n"
@@ -182,7 +183,7 @@ def _window(parts: tuple[Volume | Plane, ...]) -> tuple[float, float]:
     return (low, high) if high > low else (low, low + 1.0)
 
 
-def _thinned(part: Volume | Plane) -> tuple[NDArray[Any], NDArray[np.float64]]:
+def _thinned(part: Volume | Plane) -> tuple[NDArray[Any], Floats]:
     """Leave out pixels of large parts; gives samples and the affine of those that are left."""
     values = part.values
     if isinstance(part, Plane):
@@ -206,7 +207,7 @@ def _shades(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
 
 def _stacks(parts: tuple[Volume | Plane, ...]) -> list[int]:
     """Give the number of the stack of parallel planes that each part is in."""
-    normals: list[NDArray[np.float64]] = []
+    normals: list[Floats] = []
     stacks = []
     for part in parts:
         if isinstance(part, Volume):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from modalmotion.classification.answer import Classification
 from modalmotion.errors import LimitError, ParameterError, needs_extra
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import with_interval
+from modalmotion.representation import Floats, with_interval
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.template import Template
 from modalmotion.tracking.result import SampledData, Track
@@ -113,9 +113,7 @@ def _picture(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> s
     return f'<img alt="The surface at rest" decoding="sync" src="data:image/png;base64,{text}">'
 
 
-def _sampled(
-    vertices: NDArray[np.float64], faces: NDArray[Any]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _sampled(vertices: Floats, faces: NDArray[Any]) -> tuple[Floats, Floats]:
     """Points evenly on a surface with the unit normals there; its vertices if it has no area."""
     corners = vertices[faces.astype(np.intp)].reshape(-1, 3, 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

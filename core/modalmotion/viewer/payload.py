@@ -28,6 +28,7 @@ from modalmotion.mesh.spring_modes import wave_pairs
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.pictures.view import upright
+from modalmotion.representation import Floats
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.signature.mode_names import COLOURS, mode_dash, mode_tone, plain_name
 from modalmotion.signature.reconstruction import fitted_on
@@ -182,7 +183,7 @@ def frames_payload(
 
 def _placed(
     signature: ModalSignature, sequence: MeshSequence, template: Template | None
-) -> tuple[Template, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
+) -> tuple[Template, Floats, Floats, Floats | None]:
     """Give the template, the surface at rest, its centroid, and the normals, if they are used."""
     used = fitted_on(signature, sequence, template)
     start = reference_positions(sequence, signature.parameters.reference)
@@ -192,7 +193,7 @@ def _placed(
     return used, start, centre, directions
 
 
-def length_scale(sequence: MeshSequence, centre: NDArray[np.float64]) -> float:
+def length_scale(sequence: MeshSequence, centre: Floats) -> float:
     """Length that is sent as 1: one unit, but for extremes a power of two."""
     return single_scale(float(np.abs(sequence.vertices - centre).max(initial=0.0)))
 
@@ -202,7 +203,7 @@ def single_scale(size: float) -> float:
     return 1.0 if size == 0.0 or _SMALLEST < size < _LARGEST else power_of_two(size)
 
 
-def _single(values: NDArray[np.float64]) -> NDArray[np.float32]:
+def _single(values: Floats) -> NDArray[np.float32]:
     return values.astype(np.float32)
 
 
@@ -426,12 +427,10 @@ def _segment_words(
     }
 
 
-def _known(
-    values: NDArray[np.float64], deviations: NDArray[np.float64] | None = None
-) -> dict[str, Any]:
+def _known(values: Floats, deviations: Floats | None = None) -> dict[str, Any]:
     """Values of segments at end systole, None without vertices, and half of each interval."""
 
-    def plain(numbers: NDArray[np.float64]) -> list[float | None]:
+    def plain(numbers: Floats) -> list[float | None]:
         return [float(f"{x:.4g}") if np.isfinite(x) else None for x in numbers.tolist()]
 
     reach = None if deviations is None else plain(TWO_DEVIATIONS * deviations)
@@ -510,7 +509,7 @@ def wave_name(signature: ModalSignature, template: Template, modes: list[int]) -
     return name + after[r]
 
 
-def _axes(template: Template) -> NDArray[np.float64]:
+def _axes(template: Template) -> Floats:
     """Directions of theta = 0 and of a quarter turn, and of the axis: rows of (3, 3)."""
     theta = 2.0 * np.pi * template.coordinates[:, 1]
     x, y = (template.weights * np.stack([np.cos(theta), np.sin(theta)])) @ template.vertices

@@ -10,8 +10,7 @@ from viewed_surfaces import viewed
 
 from modalmotion.clinical.segments import RINGS, SEGMENTS, RegionalMotion, regional_motion
 from modalmotion.errors import TopologyError
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import modal_signature

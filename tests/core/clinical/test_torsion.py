@@ -10,8 +10,7 @@ import pytest
 from modalmotion.clinical.torsion import Torsion, torsion
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template

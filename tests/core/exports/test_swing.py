@@ -11,7 +11,7 @@ from modalmotion.errors import LimitError, ParameterError
 from modalmotion.exports.animation import one_by_one, swing
 from modalmotion.formats import read_sequence, write_glb
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER, parse_label
 from modalmotion.signature.making import SignatureParameters, modal_signature

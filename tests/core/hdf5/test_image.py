@@ -188,7 +188,7 @@ def test_every_field_has_a_place_in_the_file() -> None:
     assert len(fields(SignatureParameters)) == 14
     assert len(fields(Landmarks)) == 8
     assert len(fields(GivenLandmarks)) == 4
-    assert len(fields(SpringModes)) == 2
+    assert len(fields(SpringModes)) == 3
     assert len(fields(Rotations)) == 2
     # Its uncertainty is in the file of its track.
     assert len(fields(MeshSequence)) == 8

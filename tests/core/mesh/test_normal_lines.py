@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
-from modalmotion.mesh.normal_lines import NormalLines, vertex_normals
+from modalmotion.mesh.geometry import NormalLines, vertex_normals
 from modalmotion.modes.topology import CYLINDER, PLANE
 
 ROWS, COLUMNS = 9, 12

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.mesh.normal_lines import Edges
+from modalmotion.mesh.geometry import Edges
 from modalmotion.simulate import Acquisition, simulate_ventricle
 
 BEAT = simulate_ventricle(grid=(16, 24), acquisition=Acquisition(n_frames=1))

@@ -7,7 +7,7 @@ import pytest
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import cavity_of, connectivity_of
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.mesh.triangles import step_lengths
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import (

@@ -45,5 +45,5 @@ def test_walls_lie_where_the_standard_has_them() -> None:
 def test_a_segment_without_vertices_has_no_number() -> None:
     made = motion(SEGMENTS)
     made.shares[:, 3] = np.nan
-    figure = bulls_eye_figure(made, frame=1)
+    figure = bulls_eye_figure(made)
     assert "–" in {text.get_text() for text in figure.axes[0].texts}

@@ -9,7 +9,7 @@ import pytest
 from ellipsoid_images import LANDMARKS, RADIUS, planes, volume
 
 from modalmotion.images import ImageSequence, PlaneSet, Volume
-from modalmotion.mesh.normal_lines import Edges
+from modalmotion.mesh.geometry import Edges
 from modalmotion.pictures.track import contours_in, overlay_figure
 from modalmotion.tracking import track
 

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED_CURVE, PLANE, TORUS, Topology
 from modalmotion.pictures.modes import modes_figure

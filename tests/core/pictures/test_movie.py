@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED_CURVE, CYLINDER, PLANE, Topology
 from modalmotion.pictures.modes import Extent, draw_frames, write_gif, write_png

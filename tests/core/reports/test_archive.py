@@ -16,7 +16,7 @@ from norm_controls import beat
 from project import ROOT
 
 import modalmotion as mm
-from modalmotion.formats.parser.child import ParserHere
+from modalmotion.formats.parser_child import ParserHere
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.reports import report_of
 from modalmotion.reports.dicom import dicom_instances, read_study

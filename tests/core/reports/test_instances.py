@@ -21,7 +21,7 @@ from norm_controls import beat
 import modalmotion as mm
 from modalmotion.classification import classify
 from modalmotion.errors import ParameterError
-from modalmotion.formats.parser.child import ParserHere
+from modalmotion.formats.parser_child import ParserHere
 from modalmotion.formats.text_meshes import read_stl
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.norm import train_norm

@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from modalmotion.mesh.checks import Uncertainty
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, mesh_sequence, standard_surface
 from modalmotion.modes import lowest_modes
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP

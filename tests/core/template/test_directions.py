@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from modalmotion.errors import TopologyError
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CLOSED_CURVE, CYLINDER, PLANE, SPHERE, TORUS
 from modalmotion.template import Template, make_template

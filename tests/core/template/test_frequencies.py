@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from modalmotion.errors import ParameterError
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.template import make_template

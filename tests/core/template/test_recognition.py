@@ -88,10 +88,9 @@ def test_openings_all_around_are_no_cup() -> None:
 
 
 def test_stated_against_the_connectivity() -> None:
-    with pytest.raises(TopologyError, match="1 boundary loop") as caught:
+    with pytest.raises(TopologyError, match=r"has 1 piece.*1 boundary loop") as caught:
         make_template(sequence_of("cup", stated="sphere"))
     assert "State cup or plane" in str(caught.value)
-    assert caught.value.details["boundary_loops"] == 1
     with pytest.raises(TopologyError, match="State torus"):
         make_template(sequence_of("torus", stated="sphere"))
     with pytest.raises(TopologyError, match="State sphere"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from clouds import Floats
 
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.tracking.closest import closest_points

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from clouds import Floats, breathing_spheroid, rim_of, rms_distance, sampled
 
-from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, SPHERE
 from modalmotion.template import make_template

@@ -10,8 +10,7 @@ import pytest
 from clouds import Floats, breathing_spheroid, ends_of, rim_of, rms_distance, sampled
 
 from modalmotion.errors import InputError, ShapeError
-from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template

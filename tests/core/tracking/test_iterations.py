@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from clouds import breathing_spheroid, rim_of, sampled
 
-from modalmotion.mesh.normal_lines import vertex_normals
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.geometry import vertex_normals
+from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import SPHERE
 from modalmotion.simulate import Acquisition, simulate_ventricle

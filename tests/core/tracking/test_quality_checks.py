@@ -11,8 +11,7 @@ import pytest
 from clouds import Floats, breathing_spheroid, rim_of, sampled
 
 from modalmotion.errors import ShapeError
-from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template

@@ -23,8 +23,7 @@ from ellipsoid_images import (
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.edges import Levels
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.tracking import image_frames, track

@@ -19,8 +19,7 @@ from viewed_surfaces import VIEWED, scaled, viewed
 from modalmotion.classification import classify
 from modalmotion.codec import decode, encode
 from modalmotion.mesh.alignment import reference_positions
-from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.mesh.standard_surfaces import standard_surface
+from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
@@ -61,16 +60,21 @@ def beat_page(page_of: Callable[..., str]) -> str:
     return page_of(View(modal_signature(beat), beat, "a beat", classification=classify(beat)))
 
 
+@pytest.fixture(scope="module")
+def wide(chromium: Browser, beat_page: str) -> Iterator[Opened]:
+    """The beat's page, for tests that do not hang on what others have done on it."""
+    with chromium.open(beat_page, viewport={"width": 1280, "height": 800}) as opened:
+        yield opened.shown()
+
+
 def test_read_outs_are_there_before_the_script_and_the_same(
-    chromium: Browser, beat_page: str
+    chromium: Browser, beat_page: str, wide: Opened
 ) -> None:
     with chromium.open(beat_page, java_script_enabled=False) as still:
         first = [one.inner_text() for one in still.page.query_selector_all(ROWS)]
         assert still.page.query_selector(".still img").bounding_box()["height"] > 100
-    with chromium.open(beat_page) as opened:
-        opened.shown()
-        later = [one.inner_text() for one in opened.page.query_selector_all(ROWS)]
-        assert opened.page.query_selector(".still") is None
+    later = [one.inner_text() for one in wide.page.query_selector_all(ROWS)]
+    assert wide.page.query_selector(".still") is None
     assert len(first) > 6
     assert [text.split() for text in first] == [
         text.replace("−", "-").replace("Quantity", "").replace("Value", "").split()
@@ -244,7 +248,7 @@ def test_nothing_serious_stands_in_anyone_s_way(chromium: Browser, beat_page: st
 
 @pytest.mark.thorough
 def test_a_lost_context_comes_back_with_the_same_picture(chromium: Browser, beat_page: str) -> None:
-    with chromium.open(beat_page) as opened:
+    with chromium.open(beat_page, device_scale_factor=1) as opened:
         page = opened.shown().page
         page.evaluate("modalmotion.seek(modalmotion.motions[0].times[4])")
         picture = "(() => { modalmotion.show(); return modalmotion.canvas.toDataURL(); })()"
@@ -352,58 +356,56 @@ def test_reasons_of_the_class_set_the_modes_and_a_narrow_page_has_all(
 
 
 def test_read_outs_have_intervals_definitions_and_named_moments(
-    chromium: Browser, beat_page: str
+    wide: Opened,
 ) -> None:
-    with chromium.open(beat_page, viewport={"width": 1280, "height": 800}) as opened:
-        page = opened.shown().page
-        rows = page.locator(".readouts tbody tr").all_text_contents()
-        names = ["EDV", "ESV", "SV", "GLS", "GCS", "GAS", "SDI"]
-        assert [row.split("\u2212")[0].rstrip("0123456789. mlcyofth%\u00b1") for row in rows]
-        for name, row in zip(names, rows, strict=True):
-            assert row.startswith(name)
-            assert " to " in row or "less than" in row
-        page.get_by_text("Definitions").click()
-        assert page.locator(".definitions dt:visible").all_text_contents() == ["EF", *names]
-        # Both moments are named in both charts, and the bull's-eye says when it is.
-        for title in ("Volume", "Strain"):
-            chart = page.locator(".chart", has=page.get_by_role("heading", name=title))
-            assert chart.locator(".tick.strong").all_text_contents()[:2] == ["ED", "ES"]
-        rings = page.locator(".chart", has=page.get_by_role("heading", name="Rings"))
-        before = rings.locator(".segment-text").all_text_contents()
-        assert "at end systole" in rings.locator(".note").first.text_content()
-        page.evaluate("modalmotion.seek(0)")
-        page.wait_for_timeout(100)
-        assert rings.locator(".segment-text").all_text_contents() == before
-        heights = page.evaluate(
-            "[...document.querySelectorAll('.chart > svg')].map(e => e.clientHeight)"
-        )
-        assert min(heights) >= 180
+    page = wide.page
+    rows = page.locator(".readouts tbody tr").all_text_contents()
+    names = ["EDV", "ESV", "SV", "GLS", "GCS", "GAS", "SDI"]
+    assert [row.split("\u2212")[0].rstrip("0123456789. mlcyofth%\u00b1") for row in rows]
+    for name, row in zip(names, rows, strict=True):
+        assert row.startswith(name)
+        assert " to " in row or "less than" in row
+    page.get_by_text("Definitions").click()
+    assert page.locator(".definitions dt:visible").all_text_contents() == ["EF", *names]
+    # Both moments are named in both charts, and the bull's-eye says when it is.
+    for title in ("Volume", "Strain"):
+        chart = page.locator(".chart", has=page.get_by_role("heading", name=title))
+        assert chart.locator(".tick.strong").all_text_contents()[:2] == ["ED", "ES"]
+    rings = page.locator(".chart", has=page.get_by_role("heading", name="Rings"))
+    before = rings.locator(".segment-text").all_text_contents()
+    assert "at end systole" in rings.locator(".note").first.text_content()
+    page.evaluate("modalmotion.seek(0)")
+    page.wait_for_timeout(100)
+    assert rings.locator(".segment-text").all_text_contents() == before
+    heights = page.evaluate(
+        "[...document.querySelectorAll('.chart > svg')].map(e => e.clientHeight)"
+    )
+    assert min(heights) >= 180
 
 
-def test_a_mode_has_one_colour_and_dash_and_a_picture(chromium: Browser, beat_page: str) -> None:
-    with chromium.open(beat_page) as opened:
-        page = opened.shown().page
-        opened.wait("modalmotion.pictures.strips.every(Boolean)")
-        opened.wait("modalmotion.pictures.drawn !== null")
-        seen = page.evaluate("""(() => {
-            const style = (e) => getComputedStyle(e);
-            const bars = [...document.querySelectorAll('.level')].map(e =>
-                style(e).backgroundColor);
-            const rows = [...document.querySelectorAll('.modes li')].map(e =>
-                e.querySelector('code').textContent.replace(', cos', ''));
-            const ends = [...document.querySelectorAll('text.end')].filter(e =>
-                e.textContent.startsWith('('));
-            const curves = [...document.querySelectorAll('path.tone.curve')];
-            const inked = [...document.querySelectorAll('.mode-picture')].map(e =>
-                e.getContext('2d').getImageData(0, 0, e.width, e.height).data.some(x => x));
-            return { bars: Object.fromEntries(rows.map((r, i) => [r, bars[i]])),
-                ends: Object.fromEntries(ends.map(e => [e.textContent, style(e).fill])),
-                dashes: curves.map(e => e.getAttribute('stroke-dasharray')), inked };
-        })()""")
-        assert len(seen["ends"]) == 5
-        assert {name: seen["bars"][name] for name in seen["ends"]} == seen["ends"]
-        assert len(set(seen["dashes"])) == 5
-        assert all(seen["inked"])
+def test_a_mode_has_one_colour_and_dash_and_a_picture(wide: Opened) -> None:
+    opened, page = wide, wide.page
+    opened.wait("modalmotion.pictures.strips.every(Boolean)")
+    opened.wait("modalmotion.pictures.drawn !== null")
+    seen = page.evaluate("""(() => {
+        const style = (e) => getComputedStyle(e);
+        const bars = [...document.querySelectorAll('.level')].map(e =>
+            style(e).backgroundColor);
+        const rows = [...document.querySelectorAll('.modes li')].map(e =>
+            e.querySelector('code').textContent.replace(', cos', ''));
+        const ends = [...document.querySelectorAll('text.end')].filter(e =>
+            e.textContent.startsWith('('));
+        const curves = [...document.querySelectorAll('path.tone.curve')];
+        const inked = [...document.querySelectorAll('.mode-picture')].map(e =>
+            e.getContext('2d').getImageData(0, 0, e.width, e.height).data.some(x => x));
+        return { bars: Object.fromEntries(rows.map((r, i) => [r, bars[i]])),
+            ends: Object.fromEntries(ends.map(e => [e.textContent, style(e).fill])),
+            dashes: curves.map(e => e.getAttribute('stroke-dasharray')), inked };
+    })()""")
+    assert len(seen["ends"]) == 5
+    assert {name: seen["bars"][name] for name in seen["ends"]} == seen["ends"]
+    assert len(set(seen["dashes"])) == 5
+    assert all(seen["inked"])
 
 
 def test_inward_motion_is_the_usual_colour_of_a_cavity_alone(

@@ -26,7 +26,7 @@ from modalmotion.client import Client
 from modalmotion.errors import ParameterError
 from modalmotion.exports.tables import frame_table
 from modalmotion.formats import write_npz
-from modalmotion.formats.parser.child import ParserHere
+from modalmotion.formats.parser_child import ParserHere
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.reports import fhir_json, report_figure, report_of
 from modalmotion.reports.dicom import dicom_instances, read_study

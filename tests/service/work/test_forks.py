@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import modalmotion
-from modalmotion.formats.parser import child
+from modalmotion.formats import parser_child as child
 from modalmotion_service.work.forks import FORKS, PRELOADED, THREADS, Forks
 
 

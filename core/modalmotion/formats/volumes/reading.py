@@ -18,7 +18,7 @@ from modalmotion.errors import InputError, MalformedFileError, ShapeError, needs
 from modalmotion.formats.detect import Format, detect_format
 from modalmotion.formats.frame_files import is_hidden, natural_key, opened
 from modalmotion.formats.npz import UNREADABLE
-from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Answer, Parser
 from modalmotion.formats.volumes.stack import Slice, grouped
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume

@@ -14,9 +14,9 @@ from hostile_parsers import TASKS
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, write_vtkhdf
-from modalmotion.formats.parser import child
-from modalmotion.formats.parser.child import landlock_version
-from modalmotion.formats.parser.process import ParserForks, ParserLostError
+from modalmotion.formats import parser_child as child
+from modalmotion.formats.parser_child import landlock_version
+from modalmotion.formats.parser_process import ParserForks, ParserLostError
 
 
 @pytest.fixture

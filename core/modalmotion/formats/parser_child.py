@@ -152,7 +152,7 @@ def end_with(parent: int) -> None:
 
 def _readable() -> Iterator[Path]:
     # The package itself.
-    yield Path(__file__).parents[2]
+    yield Path(__file__).parents[1]
     for prefix in {sys.prefix, sys.base_prefix, sys.exec_prefix}:
         for name in ("lib", "lib64", "bin"):
             yield Path(prefix) / name

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from modalmotion.formats.parser.child import landlock_version
+from modalmotion.formats.parser_child import landlock_version
 
 pytestmark = pytest.mark.skipif(not landlock_version(), reason="this system has no Landlock")
 
 TRIES = """
 import ctypes, os, signal, socket, sys
 from pathlib import Path
-from modalmotion.formats.parser.child import confine, landlock_version
+from modalmotion.formats.parser_child import confine, landlock_version
 folder, port, parent = Path(sys.argv[1]), int(sys.argv[2]), os.getppid()
 assert confine()
 def refused(what, act):

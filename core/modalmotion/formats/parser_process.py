@@ -32,7 +32,7 @@ import numpy as np
 
 from modalmotion import errors
 from modalmotion.errors import InputError, LimitError, MalformedFileError, StoreError
-from modalmotion.formats.parser.child import (
+from modalmotion.formats.parser_child import (
     answer_next,
     confine,
     end_with,
@@ -81,7 +81,7 @@ class ParserProcess:
         Parameters
         ----------
         task : str
-            Name of a parser in `parser.child`.
+            Name of a parser in `parser_child`.
         data : bytes
 
         Raises
@@ -183,7 +183,7 @@ def receive(stream: Any, limits: ReadLimits) -> Answer | InputError:
 def _start() -> subprocess.Popen[bytes]:
     # -P: the working folder contains no modules of ours. No input is part of the command.
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "modalmotion.formats.parser.child"],
+        [sys.executable, "-P", "-m", "modalmotion.formats.parser_child"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -268,7 +268,7 @@ class ParserForks:
         Parameters
         ----------
         task : str
-            Name of a parser in `parser.child`.
+            Name of a parser in `parser_child`.
         data : bytes
         limits : ReadLimits
 

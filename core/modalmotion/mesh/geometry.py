@@ -1,4 +1,4 @@
-"""Lines along a surface's normals, and plane sections of a surface."""
+"""Volume inside a surface, lines along its normals, and the sections in which planes cut it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.mesh.triangles import face_normals
+from modalmotion.errors import TopologyError
+from modalmotion.mesh.triangles import connectivity_of, face_normals, grouped_edges, oriented_faces
+from modalmotion.representation import Floats, Ints, shown
 
 # Triangles passed without getting nearer to a line before it is given up: in noise as large as
 # the triangles these are folded around it.
@@ -38,18 +39,13 @@ class NormalLines:
         In the rows two unit vectors across the line and the one along it.
     """
 
-    faces: NDArray[np.int64]
-    vertices: NDArray[np.int64]
-    starts: NDArray[np.float64]
-    directions: NDArray[np.float64]
+    faces: Ints
+    vertices: Ints
+    starts: Floats
+    directions: Floats
 
     @staticmethod
-    def of(
-        faces: NDArray[np.int64],
-        vertices: NDArray[np.int64],
-        positions: NDArray[np.float64],
-        normals: NDArray[np.float64],
-    ) -> NormalLines:
+    def of(faces: Ints, vertices: Ints, positions: Floats, normals: Floats) -> NormalLines:
         """Lines through some vertices, (nodes,) int64, of positions and normals (vertices, 3)."""
         along = normals[vertices]
         # The axis that is farthest from the normal is across it.
@@ -60,7 +56,7 @@ class NormalLines:
         directions = np.stack([across, np.cross(along, across), along], axis=1)
         return NormalLines(faces, vertices, positions[vertices], directions)
 
-    def some(self, rows: NDArray[np.int64]) -> NormalLines:
+    def some(self, rows: Ints) -> NormalLines:
         """Return some of the lines."""
         part = NormalLines(
             self.faces, self.vertices[rows], self.starts[rows], self.directions[rows]
@@ -70,7 +66,7 @@ class NormalLines:
             part.__dict__[name] = getattr(self, name)
         return part
 
-    def heights(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def heights(self, positions: Floats) -> Floats:
         """Height above each line's start at which another shape of the surface meets it.
 
         From a triangle at the line's own vertex the way leads over the surface, each time across
@@ -147,14 +143,14 @@ class NormalLines:
         return heights.reshape(f, m)
 
     @cached_property
-    def _first(self) -> NDArray[np.int64]:
+    def _first(self) -> Ints:
         """One triangle at each vertex, (vertices,) int64; 0 at vertices in none."""
         first = np.zeros(int(self.faces.max()) + 1, dtype=np.int64)
         first[self.faces[::-1].ravel()] = np.repeat(np.arange(len(self.faces))[::-1], 3)
         return first
 
     @cached_property
-    def _neighbours(self) -> NDArray[np.int64]:
+    def _neighbours(self) -> Ints:
         """Triangle across each side, (sides,) int64; -1 on the rim."""
         start, end = self._ends
         key = np.minimum(start, end) * (self.faces.max() + 1) + np.maximum(start, end)
@@ -166,7 +162,7 @@ class NormalLines:
         return neighbours
 
     @cached_property
-    def _rim(self) -> NDArray[np.int64]:
+    def _rim(self) -> Ints:
         """Side of the rim before and after each one on it, (2, sides) int64; -1 where none is."""
         start, end = self._ends
         rim = np.flatnonzero(self._neighbours < 0)
@@ -177,12 +173,12 @@ class NormalLines:
         return table
 
     @property
-    def _ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _ends(self) -> tuple[Ints, Ints]:
         """Vertices at which each side begins and ends."""
         return self.faces[:, [1, 2, 0]].ravel(), self.faces[:, [2, 0, 1]].ravel()
 
 
-def vertex_normals(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+def vertex_normals(positions: Floats, faces: Ints) -> Floats:
     """Take the mean normal of the triangles around each vertex, by area.
 
     Returns
@@ -213,10 +209,10 @@ class Section(NamedTuple):
         Places that a triangle joins.
     """
 
-    corners: NDArray[np.int64]
-    shares: NDArray[np.float64]
-    lengths: NDArray[np.float64]
-    segments: NDArray[np.int64]
+    corners: Ints
+    shares: Floats
+    lengths: Floats
+    segments: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,17 +226,17 @@ class Edges:
         Edges of each triangle.
     """
 
-    ends: NDArray[np.int64]
-    of_faces: NDArray[np.int64]
+    ends: Ints
+    of_faces: Ints
 
     @staticmethod
-    def of(faces: NDArray[np.int64]) -> Edges:
+    def of(faces: Ints) -> Edges:
         """List the edges of triangles."""
         sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         ends, places = np.unique(sides, axis=0, return_inverse=True)
         return Edges(ends, places.reshape(-1, 3))
 
-    def cut(self, positions: NDArray[np.float64], heights: NDArray[np.float64]) -> Section:
+    def cut(self, positions: Floats, heights: Floats) -> Section:
         """Cut the mesh where the heights of its vertices change their sign.
 
         Parameters
@@ -262,6 +258,166 @@ class Edges:
         segments = number[faces[is_cut[faces]].reshape(-1, 2)]
         length = np.linalg.norm(places[segments[:, 0]] - places[segments[:, 1]], axis=1)
         halves = np.repeat(length / 2, 2).astype(np.float64)
-        lengths: NDArray[np.float64] = np.zeros(len(corners))
+        lengths: Floats = np.zeros(len(corners))
         np.add.at(lengths, segments.ravel(), halves)
         return Section(corners, shares, lengths, segments)
+
+
+@shown()
+@dataclass(frozen=True, eq=False)
+class Cavity:
+    """The cavity inside a surface's triangles, its openings closed by fans.
+
+    For unchecked faces use `cavity_of`.
+
+    Parameters
+    ----------
+    faces : (faces, 3) int64
+        Consistently wound; outward for a positive volume.
+    """
+
+    faces: Ints
+
+    def volume(self, vertices: Floats) -> Floats:
+        """Volume enclosed by vertices in these positions.
+
+        Parameters
+        ----------
+        vertices : (..., vertices, 3) float64, length unit
+            Those in no triangle are not read.
+
+        Returns
+        -------
+        (...) float64, length unit cubed
+
+        Notes
+        -----
+        Divergence theorem: V = 1/6 sum a . (b x c) over the triangles of the closed surface.
+        Each opening is closed by triangles from its edges to the mean of its vertices.
+        """
+        if not len(self.faces):
+            return np.zeros(vertices.shape[:-2])
+        # About a point nearby, so that a distant origin costs no digits.
+        near = self.faces[0, :1]
+        vertices = vertices - vertices[..., near, :]
+        six_fold = _triple(*(vertices[..., self.faces[:, i], :] for i in range(3)))
+        for edges in self.openings:
+            start, end = vertices[..., edges[:, 0], :], vertices[..., edges[:, 1], :]
+            centre = start.mean(axis=-2, keepdims=True)
+            # An edge a -> b of a face is b -> a in the lid.
+            six_fold += _triple(centre, end, start)
+        volume: Floats = six_fold / 6.0
+        return volume
+
+    @cached_property
+    def openings(self) -> tuple[Ints, ...]:
+        """Edges around each opening, each from start to end as its triangle runs along it.
+
+        Edges of openings that touch in a vertex are one opening: a fan over them closes both.
+        """
+        if not len(self.faces):
+            return ()
+        start, end = self.faces[:, [0, 1, 2]].ravel(), self.faces[:, [1, 2, 0]].ravel()
+        n = int(self.faces.max()) + 1
+        smaller, larger = np.minimum(start, end), np.maximum(start, end)
+        _, first, counts = np.unique(smaller * n + larger, return_index=True, return_counts=True)
+        border = np.sort(first[counts == 1])
+        return tuple(grouped_edges(np.stack([start[border], end[border]], axis=1), n))
+
+
+def cavity_of(faces: Ints, n_vertices: int) -> Cavity:
+    """Check that a surface can enclose something, and wind its triangles alike.
+
+    Parameters
+    ----------
+    faces : (faces, 3) int64
+        In any winding; triangles that name a vertex twice or repeat another are left out.
+    n_vertices : int
+
+    Returns
+    -------
+    Cavity
+        Wound as the first triangle is, so its volumes may be negative.
+
+    Raises
+    ------
+    TopologyError
+        If there are no triangles, if they form several pieces or not a surface, or if the
+        surface has one side only.
+    """
+    connectivity = connectivity_of(faces, n_vertices)
+    proper = np.delete(faces, connectivity.left_out, axis=0)
+    if not len(proper):
+        raise TopologyError(
+            "There are no triangles, so nothing is enclosed.",
+            remedy="Send a surface: triangles, or a lattice of two axes with its topology.",
+        )
+    if len(connectivity.non_manifold_edges):
+        vertex = int(connectivity.non_manifold_edges[0, 0])
+        raise TopologyError(
+            f"{len(connectivity.non_manifold_edges)} edges belong to three triangles or more "
+            f"(one of them at vertex {vertex}): such a surface has no inside.",
+            remedy="Send the wall of the cavity alone, without inner sheets.",
+            vertex=vertex,
+        )
+    if connectivity.n_components > 1:
+        raise TopologyError(
+            f"The triangles are {connectivity.n_components} separate pieces: which of them bound "
+            "the cavity, and whether one is inside another, is unknown.",
+            remedy="Send the surface of one cavity at a time.",
+        )
+    wound = oriented_faces(proper, n_vertices)
+    if wound is None:
+        raise TopologyError(
+            "The surface has one side only, so it has no inside.",
+            remedy="Send a surface with two sides.",
+        )
+    return Cavity(wound)
+
+
+def _triple(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Sum of a . (b x c)."""
+    total: Floats = (
+        a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1])
+        + a[..., 1] * (b[..., 2] * c[..., 0] - b[..., 0] * c[..., 2])
+        + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0])
+    ).sum(axis=-1)
+    return total
+
+
+def volume_gradient(cavity: Cavity, x: Floats) -> Floats:
+    """Differentiate the volume by each vertex, (vertices, 3) float64, length unit squared."""
+    x = x - x[cavity.faces[0, 0]]
+    total = np.zeros_like(x)
+    for k in range(3):
+        b, c = (x[cavity.faces[:, (k + i) % 3]] for i in (1, 2))
+        np.add.at(total, cavity.faces[:, k], np.cross(b, c) / 6.0)
+    return total + _of_lids(cavity, x)
+
+
+def lid_gradient(cavity: Cavity, x: Floats) -> Floats:
+    """Differentiate the volume by where the lids of openings are, (vertices, 3) float64.
+
+    As if the wall went along: what is swept by each lid where its rim moves.
+    """
+    total = np.zeros_like(x)
+    for edges in cavity.openings:
+        middle = x[edges[:, 0]].mean(axis=0)
+        start, end = x[edges[:, 0]] - middle, x[edges[:, 1]] - middle
+        # A triangle sweeps its area vector times the mean of what its corners move by.
+        areas = np.cross(end, start) / 6.0
+        np.add.at(total, edges[:, 0], areas)
+        np.add.at(total, edges[:, 1], areas)
+        total[edges[:, 0]] += areas.sum(axis=0) / len(edges)
+    return total
+
+
+def _of_lids(cavity: Cavity, x: Floats) -> Floats:
+    total = np.zeros_like(x)
+    for edges in cavity.openings:
+        start, end = x[edges[:, 0]], x[edges[:, 1]]
+        centre = start.mean(axis=0)
+        np.add.at(total, edges[:, 1], np.cross(start, centre) / 6.0)
+        np.add.at(total, edges[:, 0], np.cross(centre, end) / 6.0)
+        total[edges[:, 0]] += np.cross(end, start).sum(axis=0) / 6.0 / len(edges)
+    return total

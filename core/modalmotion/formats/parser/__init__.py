@@ -1,1 +1,0 @@
-"""A process of its own for parsers that damaged files can crash."""
