@@ -28,7 +28,13 @@ from modalmotion.classification.fitting import (
     split_cases,
     tables_of,
 )
-from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
+from modalmotion.classification.model import (
+    OF_DETECTOR,
+    Model,
+    holds,
+    share_ranges,
+    strangeness_of,
+)
 from modalmotion.classification.motion_features import AXIS, WAVES, volume_share
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.outliers import OutlierDetector, detector_for
@@ -254,8 +260,7 @@ def _model(
     if held_out is not None:
         strangeness = strangeness_of(held_out.probabilities[0], cohort.y)
     extractors = tuple(one.table.extractor for one in tables)
-    parts = vars(result.detector).items()
-    rounded: dict[str, Any] = {k: _rounded(v) for k, v in parts if isinstance(v, np.ndarray)}
+    rounded: dict[str, Any] = {k: _rounded(getattr(result.detector, k)) for k in OF_DETECTOR}
     return Model(
         name=name,
         classes=cohort.classes,
