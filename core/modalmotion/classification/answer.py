@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,7 @@ from modalmotion.classification.model_files import (
     shipped_for,
 )
 from modalmotion.classification.motion import Motion
-from modalmotion.classification.motion_features import volume_share, waves_of
+from modalmotion.classification.motion_features import VOLUME, volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.errors import (
     ModalMotionError,
@@ -32,7 +32,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
-from modalmotion.mesh.spring_modes import common_count
+from modalmotion.mesh.spring_modes import Modes, common_count
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.representation import shown
 from modalmotion.signature.making import (
@@ -174,7 +174,12 @@ def classify(
     ParameterError
         If the coverage is not above 0 and below 1.
     """
-    _require_coverage(coverage)
+    if not 0.0 < coverage < 1.0:
+        raise ParameterError(
+            f"The coverage is {coverage!r}.",
+            remedy="Use a share above 0 and below 1, such as 0.9.",
+            details={"coverage": str(coverage)},
+        )
     if model is None:
         model = load_model(shipped_for(DEFAULT_MODEL, motion.facts))
     signature = motion
@@ -184,7 +189,7 @@ def classify(
     if refusal is not None:
         return _answer(signature, model, coverage, (refusal,))
     read = Motion(first_modes(signature, model.readable.n_modes))
-    if model.reads_volume and read.volumes is None:
+    if read.volumes is None and any(table.what == VOLUME for table in model.tables):
         return _answer(signature, model, coverage, (_NO_VOLUME,))
     flags = model.outliers.flags(read)
     if flags:
@@ -399,24 +404,6 @@ def _answer(
     )
 
 
-def _require_coverage(coverage: float) -> None:
-    """Check the level of a class set.
-
-    Raises
-    ------
-    ParameterError
-        If it is not above 0 and below 1.
-    """
-    value: object = coverage
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (is_number and 0.0 < coverage < 1.0):
-        raise ParameterError(
-            f"The coverage is {coverage!r}.",
-            remedy="Use a share above 0 and below 1, such as 0.9.",
-            details={"coverage": str(coverage)},
-        )
-
-
 def _explanation(
     features: Array, model: Model, motion: Motion, probabilities: Array
 ) -> tuple[ModeContribution, ...]:
@@ -430,24 +417,23 @@ def _explanation(
     signature = motion.signature
     moving = signature.amplitudes - signature.amplitudes.mean(axis=0)
     squares = np.einsum("fmi,fmi->m", moving, moving) / signature.n_frames
-    places: dict[tuple[int, ...], list[int]]
-    places = {group: [] for group in waves_of(motion.modes, walls=False).modes}
-    wave_of = {k: group for group in places for k in group}
-    for place, column in enumerate(model.columns):
-        read = {wave_of[k] for k in column.modes}
-        if len(read) == 1:
-            places[read.pop()].append(place)
+    labels, of_group = _groups(motion.modes)
+    reads = model.reads @ of_group > 0.0
+    alone = reads & (reads.sum(axis=1, keepdims=True) == 1)
+    scores, sizes = (lead @ alone).tolist(), np.sqrt(squares @ of_group).tolist()
     parts = [
-        ModeContribution(
-            modes=tuple(str(motion.modes.labels[k]) for k in group),
-            score=float(lead[own].sum()),
-            amplitude=math.sqrt(sum(squares[k] for k in group)),
-            unit=signature.unit,
-        )
-        for group, own in places.items()
-        if own
+        ModeContribution(labels[k], scores[k], sizes[k], signature.unit)
+        for k in np.flatnonzero(alone.any(axis=0)).tolist()
     ]
     return tuple(sorted(parts, key=lambda part: -abs(part.score)))
+
+
+@lru_cache(maxsize=32)
+def _groups(modes: Modes) -> tuple[list[tuple[str, ...]], Array]:
+    """Labels of modes that are explained together, and which these are, (modes, groups)."""
+    groups = waves_of(modes, walls=False).modes
+    labels = [tuple(str(modes.labels[k]) for k in group) for group in groups]
+    return labels, np.array([[float(k in group) for group in groups] for k in range(len(modes))])
 
 
 def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:

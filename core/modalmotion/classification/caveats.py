@@ -120,7 +120,7 @@ def confounds(
     rng = np.random.default_rng(seed)
     some = np.sort(rng.permutation(len(y))[:_MOST_CASES])
     n_classes = int(y.max()) + 1
-    exchanged: NDArray[np.int64] | None = None
+    exchanged = _exchanged(y[some], groups[some], rng)
     tested: list[Confound] = []
     for name in names:
         values = [conditions[i].get(name) for i in some]
@@ -128,8 +128,6 @@ def confounds(
         n_values = int(place.max()) + 1
         if n_values < 2:
             continue
-        if exchanged is None:
-            exchanged = _exchanged(y[some], groups[some], rng)
         cells = place * n_classes + np.vstack([y[some][None], exchanged])
         counts = np.stack([np.bincount(row, minlength=n_values * n_classes) for row in cells])
         tables = counts.reshape(-1, n_values, n_classes).astype(np.float64)
@@ -165,9 +163,11 @@ def confound_notes(tests: Sequence[Confound]) -> tuple[str, ...]:
 
 def _in_words(test: Confound) -> str:
     how = "separates" if test["p_holm"] < _SURE else "does not surely separate"
+    gain = 100.0 * (test["share"] - test["chance"])
     return (
-        f"'{test['name']}' alone {how} the classes (it gives the true class a mean probability of "
-        f"{test['share']:.2f}, by chance {test['chance']:.2f}; permutation test, p = "
+        f"'{test['name']}' alone {how} the classes (given it, the true class has a mean "
+        f"probability of {test['share']:.1%}, {abs(gain):.2g} points "
+        f"{'more' if gain >= 0.0 else 'less'} than by chance; permutation test, p = "
         f"{test['p_holm']:.3f} after Holm)."
     )
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.motion import Column, Motion
-from modalmotion.classification.motion_features import VOLUME, Extractor
+from modalmotion.classification.motion_features import Extractor
 from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.errors import TopologyError
@@ -196,10 +196,13 @@ class Model(FrozenArrays, Saved, Plotted):
         """Whether walls are distinguished, so that the zero of theta must be known."""
         return any(table.walls and table.reads_motion for table in self.tables)
 
-    @property
-    def reads_volume(self) -> bool:
-        """Whether a cavity must be enclosed."""
-        return any(table.what == VOLUME for table in self.tables)
+    @cached_property
+    def reads(self) -> Array:
+        """1 where a feature is read from a mode, (features, modes)."""
+        found = np.zeros((len(self.columns), self.readable.n_modes))
+        for row, column in zip(found, self.columns, strict=True):
+            row[list(column.modes)] = 1.0
+        return found
 
     def features(self, motion: Motion) -> Array:
         """Features of a motion, of all tables, (features,)."""

@@ -80,7 +80,7 @@ def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> A
         signed = [terms[:, [whole, *flat.tolist()], 0]]
         x, y = terms[:, c, 0], terms[:, s, 0]
     else:
-        u, v, z = np.moveaxis(terms, 2, 0)
+        u, v, z = (terms[..., k] for k in range(3))
         signed = [(u[:, c] + v[:, s])[:, :n] / 2, (v[:, c] - u[:, s])[:, :n] / 2, z[:, flat]]
         x = np.concatenate(
             [u[:, flat], (u[:, c] - v[:, s]) / 2, z[:, c], (u[:, c] + v[:, s])[:, n:] / 2], axis=1
@@ -93,13 +93,12 @@ def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> A
     parts = parts * np.exp(-1j * np.arange(1, len(terms) + 1) * clock)[:, None]
     x, y = (value[0] * cmath.exp(-1j * clock) for value in (x, y))
     values = np.stack([parts.real, parts.imag], axis=2).transpose(1, 0, 2).ravel()
-    # "radial 0 sin 1" is 0 by the choice of the phase.
-    values = np.delete(values, 1)
     if walls:
         across = np.stack([x.real, x.imag, y.real, y.imag], axis=1)
     else:
         across = np.sqrt(np.stack([np.hypot(x.real, y.real), np.hypot(x.imag, y.imag)], axis=1))
-    return np.concatenate([values, across.ravel()])
+    # "radial 0 sin 1" is 0 by the choice of the phase.
+    return np.concatenate([values[:1], values[2:], across.ravel()])
 
 
 @lru_cache(maxsize=64)

@@ -212,18 +212,15 @@ class OutlierDetector:
 
     def scores(self, inputs: Inputs) -> Array:
         """Scores of `CHECKS`, (cases, checks): the larger, the stranger."""
-        nearest, found = self.distances(inputs.kinds).min(axis=1), []
-        for k, signs in enumerate(self.signs):
-            as_it_is, turned = (self._short(x, k) for x in (inputs.kinds, inputs.kinds * signs))
-            is_image = as_it_is - np.maximum(turned, 0.0) > _NEARER[k]
-            found.append(np.where(is_image, as_it_is, np.minimum(as_it_is, 0.0)))
-        return np.stack([nearest, self._from_places(inputs.places), *found], axis=1)
-
-    def _short(self, kinds: Array, k: int) -> Array:
-        """Give how far kinds fall short of the nearest class along a direction, (cases,)."""
-        apart = (self.means - kinds[:, None]) @ self.directions[k]
-        nearest = np.abs(apart).argmin(axis=1)
-        return np.asarray(np.take_along_axis(apart, nearest[:, None], axis=1)[:, 0])
+        # How far each falls short of the nearest class along the directions, and its images do.
+        seen = np.stack([self.directions.T, (self.signs * self.directions).T])
+        short = (self.means @ self.directions.T)[:, None, None] - inputs.kinds @ seen
+        nearest = np.abs(short).argmin(axis=0)[None]
+        as_it_is, turned = np.take_along_axis(short, nearest, axis=0)[0]
+        is_image = as_it_is - np.maximum(turned, 0.0) > _NEARER
+        images = np.where(is_image, as_it_is, np.minimum(as_it_is, 0.0))
+        least = self.distances(inputs.kinds).min(axis=1)
+        return np.column_stack([least, self._from_places(inputs.places), images])
 
     def flags(self, motion: Motion) -> tuple[Flag, ...]:
         """Flag a recording for what speaks against an answer."""

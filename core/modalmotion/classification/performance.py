@@ -155,8 +155,7 @@ def performance(answers: Answers, *, abstains: bool = False) -> Performance:
     every = np.tile(y, len(answers.probabilities))
     right, labelled = answers.right, answers.labels >= 0
     confusion = np.zeros((n, n + 1), dtype=np.int64)
-    for labels in answers.labels:
-        np.add.at(confusion, (y, labels), 1)
+    np.add.at(confusion, (every, answers.labels.ravel()), 1)
     confidence = answers.probabilities.max(axis=2)
     losses, briers = answers.log_losses.mean(axis=0), answers.briers.mean(axis=0)
     sensitivity = _by_class(answers, lambda k: answers.labels == k, is_class=True)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -28,7 +28,13 @@ from modalmotion.classification.fitting import (
     split_cases,
     tables_of,
 )
-from modalmotion.classification.model import Model, holds, share_ranges, strangeness_of
+from modalmotion.classification.model import (
+    OF_DETECTOR,
+    Model,
+    holds,
+    share_ranges,
+    strangeness_of,
+)
 from modalmotion.classification.motion_features import AXIS, WAVES, volume_share
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.outliers import OutlierDetector, detector_for
@@ -52,7 +58,6 @@ _FEW_OF_A_CLASS: Final = 5
 _DIGITS: Final = 9
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 
 
 def train(
@@ -255,6 +260,7 @@ def _model(
     if held_out is not None:
         strangeness = strangeness_of(held_out.probabilities[0], cohort.y)
     extractors = tuple(one.table.extractor for one in tables)
+    rounded: dict[str, Any] = {k: _rounded(getattr(result.detector, k)) for k in OF_DETECTOR}
     return Model(
         name=name,
         classes=cohort.classes,
@@ -264,7 +270,7 @@ def _model(
         weights=_rounded(np.concatenate([table.linear.weights for table in tables])),
         intercepts=_rounded(np.sum([table.linear.intercepts for table in tables], axis=0)),
         centre=_rounded(X.mean(axis=0)),
-        outliers=_rounded_arrays(result.detector),
+        outliers=replace(result.detector, **rounded),
         shares=_rounded(share_ranges(shares, cohort.y, n)),
         strangeness=strangeness,
         notes={"": notes},
@@ -276,12 +282,6 @@ def _model(
 def _rounded(values: NDArray[Any]) -> NDArray[Any]:
     numbers = [float(f"{x:.{_DIGITS}g}") for x in np.ravel(values).view(np.float64)]
     return np.array(numbers).view(values.dtype).reshape(values.shape)
-
-
-def _rounded_arrays(value: T) -> T:
-    """Round all arrays of a value."""
-    arrays = {k: _rounded(v) for k, v in vars(value).items() if isinstance(v, np.ndarray)}
-    return replace(value, **arrays)  # type: ignore[type-var]
 
 
 def _card(

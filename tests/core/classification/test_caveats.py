@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from modalmotion.classification.caveats import confound_notes, confounds
+from modalmotion.classification.caveats import _in_words, confound_notes, confounds
 
 
 def test_a_site_of_one_class_is_reported_and_chance_is_not() -> None:
@@ -72,3 +72,16 @@ def test_chance_is_reported_as_often_as_stated() -> None:
         conditions = [{"a": float(v), "b": float(w)} for v, w in rng.normal(size=(40, 2))]
         n_sure += min(t["p_holm"] for t in confounds(conditions, y, np.arange(40), 0)) < 0.05
     assert n_sure <= 5
+
+
+def test_a_small_difference_from_chance_is_still_read_from_the_text() -> None:
+    rng = np.random.default_rng(4)
+    y = np.arange(1000) % 5
+    # One case in fifty is named by its class: the share is above chance in the third digit.
+    named = [str(k) if rng.random() < 0.02 else "usual" for k in y]
+    (test,) = confounds([{"site": site} for site in named], y, np.arange(1000), 0)
+    gain = 100 * (test["share"] - test["chance"])
+    assert 0.0 < gain < 5.0
+    assert f"{100 * test['share']:.1f}%, {gain:.2g} points more than by chance" in test["text"]
+    less = {**test, "share": test["chance"] - 0.0012}
+    assert "0.12 points less than by chance" in _in_words(less)

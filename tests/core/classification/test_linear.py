@@ -7,6 +7,7 @@ import pytest
 from scipy.special import softmax
 from sklearn.covariance import ledoit_wolf
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.feature_selection import f_classif
 
 from modalmotion.classification.linear import (
     discriminant,
@@ -24,7 +25,7 @@ def drawn(n: int, d: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(("n", "d"), [(60, 7), (30, 80)])
-def test_scores_are_those_of_the_shrunk_covariance(n: int, d: int) -> None:
+def test_scores_are_those_of_the_shrunk_covariance_and_shrunk_means(n: int, d: int) -> None:
     X, y = drawn(n, d)
     X[:, 2] = 4.0  # constant
     residuals = X - np.stack([X[y == k].mean(axis=0) for k in range(3)])[y]
@@ -32,6 +33,8 @@ def test_scores_are_those_of_the_shrunk_covariance(n: int, d: int) -> None:
     z = (X - X.mean(axis=0)) / np.where(squares > 1e-9, squares, np.inf) ** 0.5
     means = np.stack([z[y == k].mean(axis=0) for k in range(3)])
     S = ledoit_wolf(z - means[y], assume_centered=True)[0] + 1e-9 * np.eye(d)
+    varies = np.arange(d) != 2
+    means[:, varies] *= np.maximum(1.0 - 1.0 / f_classif(X[:, varies], y)[0], 0.0)
     solved = np.linalg.solve(S, means.T)
     shares = np.log(np.bincount(y) / n) - 0.5 * np.einsum("kd,dk->k", means, solved)
     expected = z @ solved + shares
@@ -47,6 +50,19 @@ def test_few_cases_are_told_apart_by_one_feature_among_many_that_mean_nothing() 
         scores = discriminant(X[:16], y[:16], 2).scores(X[16:])
         right.append((scores.argmax(axis=1) == y[16:]).mean())
     assert np.mean(right) > 0.98
+
+
+def test_labels_by_chance_give_scores_nearer_to_the_shares_of_the_classes() -> None:
+    rng = np.random.default_rng(8)
+    X, y = rng.normal(size=(400, 30)), np.arange(400) % 4 % 3
+    scores = discriminant(X, y, 3).scores(X)
+    theirs = LinearDiscriminantAnalysis(solver="lsqr").fit(X, y).predict_log_proba(X)
+    spread, of_theirs = (
+        np.ptp(s - s.mean(axis=1, keepdims=True), axis=0) for s in (scores, theirs)
+    )
+    assert (spread < 0.75 * of_theirs).all()
+    # A class is as probable as it is frequent.
+    assert softmax(scores, axis=1).mean(axis=0) == pytest.approx(np.bincount(y) / 400, abs=0.02)
 
 
 def test_a_feature_that_never_varies_within_a_class_still_counts() -> None:
