@@ -49,6 +49,10 @@ _STRICT: Final = 0.995
 # Of the amplitudes: above it probabilities were too sure (docs/decisions/0039).
 _UNSURE: Final = 0.2
 
+# Of the motion of a mode, for the derivative by it; and the share of the motion below which it counts as still.
+_GROWTH: Final = 1e-6
+_STILL: Final = 1e-3
+
 # Parameters that signatures must share with those of the model.
 _SAME: Final = ("remove_rotation", "components")
 
@@ -79,12 +83,16 @@ class ModeContribution:
         that of the next), beyond those of an average training case.
     amplitude : float, `unit`
         RMS over time of their deviation from the temporal mean.
+    per_unit : float
+        Change of the same logarithm for a unit more of that amplitude, to first order, the motion
+        of the modes growing evenly; 0 where that is less than a thousandth of the motion.
     unit : str or None
     """
 
     modes: tuple[str, ...]
     score: float
     amplitude: float
+    per_unit: float
     unit: str | None
 
 
@@ -426,7 +434,8 @@ def _explanation(
     features of several modes belong to none of them.
     """
     first, second = np.argsort(-probabilities, kind="stable")[:2]
-    lead = (features - model.centre) * (model.weights[:, first] - model.weights[:, second])
+    weights = model.weights[:, first] - model.weights[:, second]
+    lead = (features - model.centre) * weights
     signature = motion.signature
     moving = signature.amplitudes - signature.amplitudes.mean(axis=0)
     squares = np.einsum("fmi,fmi->m", moving, moving) / signature.n_frames
@@ -437,17 +446,37 @@ def _explanation(
         read = {wave_of[k] for k in column.modes}
         if len(read) == 1:
             places[read.pop()].append(place)
-    parts = [
-        ModeContribution(
-            modes=tuple(str(motion.modes.labels[k]) for k in group),
-            score=float(lead[own].sum()),
-            amplitude=math.sqrt(sum(squares[k] for k in group)),
-            unit=signature.unit,
-        )
-        for group, own in places.items()
-        if own
-    ]
+    parts = []
+    for group, own in places.items():
+        if own:
+            amplitude = math.sqrt(sum(squares[k] for k in group))
+            per_unit = 0.0
+            if amplitude > _STILL * math.sqrt(squares.sum()):
+                change = _by_growth(model, motion, list(group), features)
+                per_unit = float(change @ weights) / amplitude
+            parts.append(
+                ModeContribution(
+                    modes=tuple(str(motion.modes.labels[k]) for k in group),
+                    score=float(lead[own].sum()),
+                    amplitude=amplitude,
+                    per_unit=per_unit,
+                    unit=signature.unit,
+                )
+            )
     return tuple(sorted(parts, key=lambda part: -abs(part.score)))
+
+
+def _by_growth(model: Model, motion: Motion, modes: list[int], features: Array) -> Array:
+    """Differentiate the features by a factor of the motion of some modes, (features,)."""
+    grown = []
+    for table in model.tables:
+        if table.reads_motion:
+            terms = table.terms(motion).copy()
+            terms[:, [k for k in modes if k < table.n_modes]] *= 1.0 + _GROWTH
+            grown.append(table.values_of(terms, motion.modes))
+        else:
+            grown.append(table.values(motion))
+    return (np.concatenate(grown) - features) / _GROWTH
 
 
 def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:

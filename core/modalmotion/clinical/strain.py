@@ -16,11 +16,14 @@ from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.dyssynchrony import (
+    N_SECTORS,
     dyssynchrony,
+    phases_of,
+    sectors_of,
     segment_volumes,
     volume_variances,
 )
-from modalmotion.clinical.segments import RINGS, at_places, rings_of
+from modalmotion.clinical.segments import RINGS, at_places
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS
 from modalmotion.clinical.wall_motion import (
@@ -65,8 +68,6 @@ _BAND: Final = 0.5
 # How far the apical strain around differs from the mid one, as a share of this: 0.16 and 0.09 of
 # ventricles of two simulators.
 _APICAL: Final = 0.16
-
-_N_SEGMENTS: Final = 16
 
 _CAVITIES: Final = ("lv", "rv", "la", "ra", "other")
 
@@ -376,28 +377,14 @@ def _dyssynchrony(motion: WallMotion, sequence: MeshSequence) -> Figure | None:
     """Index of the 16 segments; of 16 sectors like them if the anterior wall is unknown."""
     if motion.wall.surface != CUP:
         return None
-    ways = np.repeat(motion.places.ways, motion.places.shape[1])
-    rings = rings_of(ways)
-    turns = motion.places.theta
-    six, four = np.floor(6 * turns).astype(int), np.floor(4 * turns).astype(int)
-    segment = np.choose(rings, [six, 6 + six, 12 + four, np.full_like(six, -1)])
+    segment = sectors_of(motion)
     variances = [
-        volume_variances(motion, segment, _N_SEGMENTS, frame) for frame in range(motion.n_frames)
+        volume_variances(motion, segment, N_SECTORS, frame) for frame in range(motion.n_frames)
     ]
-    volumes = segment_volumes(motion, segment, _N_SEGMENTS)
+    volumes = segment_volumes(motion, segment, N_SECTORS)
     is_track = sequence.uncertainty is not None
-    found = dyssynchrony(volumes, _phases(sequence), np.array(variances), is_smooth=is_track)
+    found = dyssynchrony(volumes, phases_of(sequence), np.array(variances), is_smooth=is_track)
     return None if found is None else Figure(*found)
-
-
-def _phases(sequence: MeshSequence) -> NDArray[np.float64]:
-    """Instants of the frames as shares of the cycle, which ends a step after them if unstated."""
-    n = sequence.n_frames
-    times = np.arange(n, dtype=np.float64) if sequence.times is None else sequence.times
-    times = times - times[0]
-    stated = None if sequence.times is None else sequence.facts.period
-    period = stated or times[-1] * n / max(n - 1, 1) or 1.0
-    return np.asarray(times / period, dtype=np.float64)
 
 
 def _segments(
