@@ -84,7 +84,7 @@ if TYPE_CHECKING:
     from modalmotion.modes.transform import project as project
     from modalmotion.modes.transform import superpose as superpose
     from modalmotion.reports import Report as Report
-    from modalmotion.reports.writing import report as report
+    from modalmotion.reports.page import report as report
     from modalmotion.signature import measure_tradeoff as measure_tradeoff
     from modalmotion.signature.making import ModalSignature as ModalSignature
     from modalmotion.signature.making import SignatureParameters as SignatureParameters

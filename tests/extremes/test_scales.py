@@ -15,7 +15,7 @@ from modalmotion.formats import read_npz, write_raw
 from modalmotion.mesh import lattice_faces
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.pictures.modes import template_figure
-from modalmotion.pictures.tradeoff import tradeoff_figure
+from modalmotion.pictures.signature import tradeoff_figure
 from modalmotion.signature import measure_tradeoff
 from modalmotion.signature.distance import compare
 

@@ -30,8 +30,8 @@ from typing import (
 import click
 
 from modalmotion.errors import needs_extra
-from modalmotion.exports.picture_files import PICTURES as PICTURES
-from modalmotion.exports.picture_files import write_picture as write_picture
+from modalmotion.exports.reading import PICTURES as PICTURES
+from modalmotion.exports.reading import write_picture as write_picture
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.representation import numeral

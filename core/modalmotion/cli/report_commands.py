@@ -107,7 +107,7 @@ def report(
         Folder to write; or one file: .pdf, .json (FHIR), .csv or .html.
     """
     from modalmotion.reports import quantities_of
-    from modalmotion.reports.writing import write_report
+    from modalmotion.reports.page import write_report
     from modalmotion.viewer.page import View
 
     with Waiting(source) as waiting:

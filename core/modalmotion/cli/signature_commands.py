@@ -275,7 +275,7 @@ def tradeoff(
         )
         if plot is not None:
             with waiting.watch.stage("picture"):
-                from modalmotion.pictures.tradeoff import tradeoff_figure
+                from modalmotion.pictures.signature import tradeoff_figure
 
                 write_picture(tradeoff_figure(result), plot)
     price = replace(result.chosen.price, milliseconds=waiting.milliseconds())

@@ -19,8 +19,7 @@ from modalmotion.clinical.strain import Strain
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.codec import Encoded, decode
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
-from modalmotion.exports.picture_files import PICTURES, picture_bytes, write_picture
-from modalmotion.exports.reading import read
+from modalmotion.exports.reading import PICTURES, picture_bytes, read, write_picture
 from modalmotion.exports.tables import amplitude_table
 from modalmotion.formats.detect import STREAM
 from modalmotion.formats.glb_writing import frame_animation
@@ -31,9 +30,13 @@ from modalmotion.norm import Norm, norm_from_hdf5, norm_to_hdf5
 from modalmotion.pictures.classification import answer_figure, card_figure, evaluation_figure
 from modalmotion.pictures.modes import template_figure
 from modalmotion.pictures.readouts import bulls_eye_figure, strain_figure, volume_figure
-from modalmotion.pictures.signature import amplitudes_figure, main_trajectories, signature_figure
+from modalmotion.pictures.signature import (
+    amplitudes_figure,
+    main_trajectories,
+    signature_figure,
+    tradeoff_figure,
+)
 from modalmotion.pictures.track import data_figure, deviations_figure, usual_frame
-from modalmotion.pictures.tradeoff import tradeoff_figure
 from modalmotion.representation import counted, numeral, with_article
 from modalmotion.signature import SignatureKind, Tradeoff
 from modalmotion.signature.making import ModalSignature, modal_signature

@@ -1,15 +1,22 @@
-"""A moving surface read from a file of any kind; light, as every command reads one."""
+"""A moving surface read from a file of any kind, and pictures written; light, for every command."""
 
 from __future__ import annotations
 
+import io
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
+from modalmotion.errors import ParameterError
 from modalmotion.formats import ReadOptions, read_sequence
 from modalmotion.formats.detect import STREAM
 from modalmotion.formats.result import Reading
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
+from modalmotion.store.disk import write_atomic
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
@@ -73,3 +80,32 @@ def stream_at(path: Path) -> bytes | None:
     with path.open("rb") as file:
         start = file.read(len(STREAM))
         return start + file.read() if start == STREAM else None
+
+
+PICTURES: Final = (".png", ".svg", ".pdf")
+"""Suffixes of pictures."""
+
+
+def picture_bytes(figure: Figure, kind: str) -> bytes:
+    """Write a picture as png, svg or pdf."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format=kind)
+    return picture.getvalue()
+
+
+def write_picture(figure: Figure, path: Path) -> None:
+    """Write a picture to a file, in the format of its suffix.
+
+    Raises
+    ------
+    ParameterError
+        If the suffix is another.
+    StoreError
+        If it cannot be written.
+    """
+    if path.suffix.lower() not in PICTURES:
+        raise ParameterError(
+            f"{path.name!r} does not have the suffix of a picture.",
+            remedy=f"Use a name that ends with {', '.join(PICTURES)}.",
+        )
+    write_atomic(path, picture_bytes(figure, path.suffix[1:].lower()))

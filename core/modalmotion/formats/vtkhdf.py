@@ -29,8 +29,7 @@ from modalmotion.hdf5.sealed import open_gated
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.checks import given_up
-from modalmotion.mesh.hdf5 import FORM, TRACK, sequence_from_hdf5
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.sequence import FORM, TRACK, MeshSequence, sequence_from_hdf5
 
 _TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
 """Groups of cells, in the order of their columns in the offsets of steps."""

@@ -1,4 +1,4 @@
-"""Mesh sequences: one connectivity, positions over time."""
+"""Mesh sequences: one connectivity, positions over time; and their HDF5 files."""
 
 from __future__ import annotations
 
@@ -6,145 +6,29 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import ParameterError, ShapeError
+from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
 from modalmotion.mesh.checks import (
     FloatArray,
     Uncertainty,
+    given_up,
     require_faces,
     require_times,
     require_vertices,
 )
+from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
 from modalmotion.mesh.facts import NO_FACTS, Facts
-from modalmotion.mesh.triangles import connectivity_of
+from modalmotion.mesh.triangles import representatives_of
 from modalmotion.modes.topology import Topology, require_shape
 from modalmotion.representation import FrozenArrays, counted, shown
-
-
-def first_at_place(vertices: FloatArray) -> NDArray[np.int64]:
-    """Find for each vertex the first one that lies exactly where it is in every frame.
-
-    Vertices that only meet, in some frames, stay apart.
-
-    Parameters
-    ----------
-    vertices : (frames, vertices, 3) float32 or float64
-        Finite. 0 and -0 are the same place.
-
-    Returns
-    -------
-    (vertices,) int64
-        The vertex itself where no other has all of its places.
-    """
-    first = np.arange(vertices.shape[1])
-    # Equal places have equal keys, and hardly others: of points on a lattice none.
-    x, y, z = vertices[0].T.astype(np.float64)
-    _, groups, counts = np.unique(
-        0.31415927 * x + 0.27182818 * y + 0.17320508 * z, return_inverse=True, return_counts=True
-    )
-    others = np.flatnonzero(counts[groups] > 1)
-    names = groups[others]
-    for positions in vertices if len(others) else ():
-        names = _grouped(positions[others], others, names)
-    first[others] = names
-    return first
-
-
-def _grouped(
-    rows: FloatArray, vertices: NDArray[np.int64], groups: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """First vertex of those with the same row in the same group, for each; vertices increase."""
-    order = np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0], groups))
-    starts = np.ones(len(order), dtype=np.bool_)
-    starts[1:] = groups[order[1:]] != groups[order[:-1]]
-    starts[1:] |= (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
-    # lexsort is stable, so the first of a run is its smallest.
-    names = np.empty_like(vertices)
-    names[order] = vertices[order[starts]][np.cumsum(starts) - 1]
-    return names
-
-
-def representatives_of(vertices: FloatArray, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Merge vertices that coincide in every frame, where that joins the surface.
-
-    Vertices at one place are one where border edges are on each other (two rims, a seam), where
-    a triangle repeats another, along an edge without length, and where a vertex is in no
-    triangle. A surface that only touches itself in a point, or along edges that have their two
-    triangles, stays as it is: joined there, it would not be a surface.
-
-    Parameters
-    ----------
-    vertices : (frames, vertices, 3) float32 or float64
-    faces : (faces, 3) int64
-
-    Returns
-    -------
-    (vertices,) int64
-        For each the first of the vertices that are one with it.
-    """
-    first = first_at_place(vertices)
-    n = len(first)
-    if (first == np.arange(n)).all():
-        return first
-    pairs = [
-        _pairs_of_rows(first, _border(faces, n)),
-        _pairs_of_rows(first, faces),
-        _without_length(first, faces),
-        _unused(first, faces),
-    ]
-    one, other = np.concatenate(pairs, axis=1)
-    graph = scipy.sparse.coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(n, n))
-    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    _, smallest = np.unique(labels, return_index=True)
-    merged: NDArray[np.int64] = smallest[labels]
-    return merged
-
-
-def _pairs_of_rows(first: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pairs of vertices of edges or triangles that are on each other, (2, pairs)."""
-    # Each row in the order of its places, so that columns belong together.
-    rows = np.take_along_axis(rows, np.argsort(first[rows], axis=1, kind="stable"), axis=1)
-    places = first[rows]
-    # What is a point or an edge only is on itself.
-    proper = (places[:, 1:] != places[:, :-1]).all(axis=1)
-    rows, places = rows[proper], places[proper]
-    order = np.lexsort(places.T)
-    rows, places = rows[order], places[order]
-    same = (places[1:] == places[:-1]).all(axis=1)
-    return np.stack([rows[:-1][same].ravel(), rows[1:][same].ravel()])
-
-
-def _border(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
-    """Edges of one triangle, (edges, 2)."""
-    connectivity = connectivity_of(faces, n_vertices)
-    border: NDArray[np.int64] = connectivity.edges[connectivity.faces_at_edge == 1]
-    return border
-
-
-def _without_length(first: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pair the ends of each edge that is in one place, (2, pairs)."""
-    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    pairs: NDArray[np.int64] = sides[first[sides[:, 0]] == first[sides[:, 1]]].T
-    return pairs
-
-
-def _unused(first: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Vertices in no triangle, each with one at its place that is in one, (2, pairs)."""
-    used = np.zeros(len(first), dtype=np.bool_)
-    used[faces.ravel()] = True
-    at_place = first.copy()
-    # The last assignment stays: the first vertex in use, where there is one.
-    backwards = np.flatnonzero(used)[::-1]
-    at_place[first[backwards]] = backwards
-    unused = np.flatnonzero(~used)
-    return np.stack([unused, at_place[first[unused]]])
-
 
 MM_PER_UNIT: Final[dict[str, float]] = {
     "m": 1e3,
@@ -465,3 +349,72 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
         )
     distinct = np.delete(order, repeats)
     return vertices[distinct], stamps[distinct].astype(np.float64), tuple(notes)
+
+
+FORM: Final = Form("sequence", 2)
+"""Version 1 had no facts."""
+
+TRACK: Final = Form("track", 3)
+"""Of a track, which contains its sequence in the same way."""
+
+
+def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
+    """Write a mesh sequence as a sealed HDF5 file in memory.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+
+    Returns
+    -------
+    bytes
+        The same for the same sequence.
+    """
+    unit = sequence.unit or UNKNOWN
+    vertices = sequence.vertices.astype(sequence.vertices.dtype.newbyteorder("<"), copy=False)
+    datasets = [
+        Dataset("vertices", vertices, unit, "frame, vertex, direction"),
+        Dataset("faces", sequence.faces.astype("<i8", copy=False), "1", "face, corner"),
+        json_text("facts", facts_as_json(sequence.facts)),
+    ]
+    if sequence.times is not None:
+        datasets.append(Dataset("times", sequence.times, "s", "frame"))
+    return FORM.image(
+        {"sequence_id": sequence.id},
+        datasets,
+        unit=unit,
+        topology=None if sequence.topology is None else sequence.topology.name,
+        grid=sequence.grid,
+    )
+
+
+def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
+    """Read a mesh sequence, bit for bit as written.
+
+    Parameters
+    ----------
+    source : bytes or Path
+    form : Form
+        `TRACK` reads the sequence of a track, without its errors.
+
+    Raises
+    ------
+    StoreError
+        As in `Form.read`.
+    """
+    return read_sequence(source, form)[0]
+
+
+def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence, Contents]:
+    """Read a mesh sequence together with the contents of its file."""
+    with form.read(source) as contents:
+        sequence = mesh_sequence(
+            given_up(contents.array("vertices", (None, None, 3))),
+            contents.array("faces", (None, 3)),
+            grid=contents.attributes.get("grid"),
+            topology=contents.optional_text("topology"),
+            times=contents.arrays.get("times"),
+            unit=contents.unit,
+            facts=facts_from_json(contents.json("facts", dict)),
+        )
+        return sequence, contents

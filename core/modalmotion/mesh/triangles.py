@@ -1,6 +1,7 @@
-"""Connectivity, areas, normals and gradients of triangle meshes and curves.
+"""Connectivity, areas, normals and gradients of triangle meshes and curves; merged vertices.
 
-All take vertices whose squares neither overflow nor vanish: `make_template` scales them first.
+Areas, normals and gradients need vertices whose squares neither overflow nor vanish:
+`make_template` scales them first.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from modalmotion.mesh.checks import FloatArray
 from modalmotion.modes.topology import CLOSED_CURVE, OPEN_CURVE, Topology
 from modalmotion.representation import shown
 
@@ -357,3 +359,122 @@ def curve_weights(vertices: NDArray[np.float64], topology: Topology) -> NDArray[
         steps = np.append(steps, 0.0)
     halves: NDArray[np.float64] = (steps + np.roll(steps, 1)) / 2
     return halves
+
+
+def first_at_place(vertices: FloatArray) -> NDArray[np.int64]:
+    """Find for each vertex the first one that lies exactly where it is in every frame.
+
+    Vertices that only meet, in some frames, stay apart.
+
+    Parameters
+    ----------
+    vertices : (frames, vertices, 3) float32 or float64
+        Finite. 0 and -0 are the same place.
+
+    Returns
+    -------
+    (vertices,) int64
+        The vertex itself where no other has all of its places.
+    """
+    first = np.arange(vertices.shape[1])
+    # Equal places have equal keys, and hardly others: of points on a lattice none.
+    x, y, z = vertices[0].T.astype(np.float64)
+    _, groups, counts = np.unique(
+        0.31415927 * x + 0.27182818 * y + 0.17320508 * z, return_inverse=True, return_counts=True
+    )
+    others = np.flatnonzero(counts[groups] > 1)
+    names = groups[others]
+    for positions in vertices if len(others) else ():
+        names = _grouped(positions[others], others, names)
+    first[others] = names
+    return first
+
+
+def _grouped(
+    rows: FloatArray, vertices: NDArray[np.int64], groups: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """First vertex of those with the same row in the same group, for each; vertices increase."""
+    order = np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0], groups))
+    starts = np.ones(len(order), dtype=np.bool_)
+    starts[1:] = groups[order[1:]] != groups[order[:-1]]
+    starts[1:] |= (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    # lexsort is stable, so the first of a run is its smallest.
+    names = np.empty_like(vertices)
+    names[order] = vertices[order[starts]][np.cumsum(starts) - 1]
+    return names
+
+
+def representatives_of(vertices: FloatArray, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Merge vertices that coincide in every frame, where that joins the surface.
+
+    Vertices at one place are one where border edges are on each other (two rims, a seam), where
+    a triangle repeats another, along an edge without length, and where a vertex is in no
+    triangle. A surface that only touches itself in a point, or along edges that have their two
+    triangles, stays as it is: joined there, it would not be a surface.
+
+    Parameters
+    ----------
+    vertices : (frames, vertices, 3) float32 or float64
+    faces : (faces, 3) int64
+
+    Returns
+    -------
+    (vertices,) int64
+        For each the first of the vertices that are one with it.
+    """
+    first = first_at_place(vertices)
+    n = len(first)
+    if (first == np.arange(n)).all():
+        return first
+    pairs = [
+        _pairs_of_rows(first, _border(faces, n)),
+        _pairs_of_rows(first, faces),
+        _without_length(first, faces),
+        _unused(first, faces),
+    ]
+    one, other = np.concatenate(pairs, axis=1)
+    graph = scipy.sparse.coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(n, n))
+    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    _, smallest = np.unique(labels, return_index=True)
+    merged: NDArray[np.int64] = smallest[labels]
+    return merged
+
+
+def _pairs_of_rows(first: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Pairs of vertices of edges or triangles that are on each other, (2, pairs)."""
+    # Each row in the order of its places, so that columns belong together.
+    rows = np.take_along_axis(rows, np.argsort(first[rows], axis=1, kind="stable"), axis=1)
+    places = first[rows]
+    # What is a point or an edge only is on itself.
+    proper = (places[:, 1:] != places[:, :-1]).all(axis=1)
+    rows, places = rows[proper], places[proper]
+    order = np.lexsort(places.T)
+    rows, places = rows[order], places[order]
+    same = (places[1:] == places[:-1]).all(axis=1)
+    return np.stack([rows[:-1][same].ravel(), rows[1:][same].ravel()])
+
+
+def _border(faces: NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
+    """Edges of one triangle, (edges, 2)."""
+    connectivity = connectivity_of(faces, n_vertices)
+    border: NDArray[np.int64] = connectivity.edges[connectivity.faces_at_edge == 1]
+    return border
+
+
+def _without_length(first: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Pair the ends of each edge that is in one place, (2, pairs)."""
+    sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    pairs: NDArray[np.int64] = sides[first[sides[:, 0]] == first[sides[:, 1]]].T
+    return pairs
+
+
+def _unused(first: NDArray[np.int64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Vertices in no triangle, each with one at its place that is in one, (2, pairs)."""
+    used = np.zeros(len(first), dtype=np.bool_)
+    used[faces.ravel()] = True
+    at_place = first.copy()
+    # The last assignment stays: the first vertex in use, where there is one.
+    backwards = np.flatnonzero(used)[::-1]
+    at_place[first[backwards]] = backwards
+    unused = np.flatnonzero(~used)
+    return np.stack([unused, at_place[first[unused]]])

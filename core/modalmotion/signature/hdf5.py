@@ -18,7 +18,7 @@ from modalmotion.modes.topology import MESH, Topology
 from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
-from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
+from modalmotion.template.template import landmark_datasets, landmarks_from
 
 FORM: Final = Form("signature", 5)
 

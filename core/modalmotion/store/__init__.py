@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from modalmotion.classification.model_files import kept_model as kept_model
     from modalmotion.classification.model_files import model_from_hdf5 as model_from_hdf5
     from modalmotion.classification.model_files import model_to_hdf5 as model_to_hdf5
-    from modalmotion.mesh.hdf5 import sequence_from_hdf5 as sequence_from_hdf5
-    from modalmotion.mesh.hdf5 import sequence_to_hdf5 as sequence_to_hdf5
+    from modalmotion.mesh.sequence import sequence_from_hdf5 as sequence_from_hdf5
+    from modalmotion.mesh.sequence import sequence_to_hdf5 as sequence_to_hdf5
     from modalmotion.signature.hdf5 import signature_from_hdf5 as signature_from_hdf5
     from modalmotion.signature.hdf5 import signature_to_hdf5 as signature_to_hdf5
     from modalmotion.store.backups import backup as backup
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from modalmotion.store.results import signature_image as signature_image
     from modalmotion.store.results import track_image as track_image
     from modalmotion.store.sequences import upload_image as upload_image
-    from modalmotion.template.hdf5 import template_from_hdf5 as template_from_hdf5
-    from modalmotion.template.hdf5 import template_to_hdf5 as template_to_hdf5
+    from modalmotion.template.template import template_from_hdf5 as template_from_hdf5
+    from modalmotion.template.template import template_to_hdf5 as template_to_hdf5
     from modalmotion.tracking.hdf5 import track_from_hdf5 as track_from_hdf5
     from modalmotion.tracking.hdf5 import track_to_hdf5 as track_to_hdf5
 

@@ -16,8 +16,7 @@ from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.hdf5.image import require_match
 from modalmotion.hdf5.sealed import digest_of, is_sound
 from modalmotion.images.hdf5 import read_images_file
-from modalmotion.mesh.hdf5 import read_sequence
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence, read_sequence
 from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
@@ -43,7 +42,7 @@ from modalmotion.store.folder import (
     record_to_json,
 )
 from modalmotion.store.index import Index, put_models, put_records, put_results, to_text
-from modalmotion.template.hdf5 import read_template
+from modalmotion.template.template import read_template
 from modalmotion.tracking.hdf5 import read_track
 
 T = TypeVar("T")

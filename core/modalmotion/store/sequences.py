@@ -12,8 +12,7 @@ from types import MappingProxyType
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.mesh import NO_FACTS
-from modalmotion.mesh.hdf5 import read_sequence, sequence_to_hdf5
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence, read_sequence, sequence_to_hdf5
 from modalmotion.store.deletion import begin_deletion, finish_deletion
 from modalmotion.store.disk import rename, write_atomic
 from modalmotion.store.folder import (

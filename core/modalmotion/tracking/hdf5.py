@@ -13,13 +13,11 @@ from modalmotion.errors import StoreError
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
 from modalmotion.mesh import facts_as_json, facts_from_json
-from modalmotion.mesh.hdf5 import TRACK
-from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.sequence import TRACK, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
 from modalmotion.template.body_frame import affine_shapes
-from modalmotion.template.hdf5 import landmark_datasets, landmarks_from
-from modalmotion.template.template import Template, shapes_of
+from modalmotion.template.template import Template, landmark_datasets, landmarks_from, shapes_of
 from modalmotion.tracking.deviations import uncertainty_of
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.result import ImageAnswer, SampledData, Track

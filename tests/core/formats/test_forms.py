@@ -31,7 +31,7 @@ from modalmotion.formats import (
 )
 from modalmotion.formats.glb_writing import frame_animation
 from modalmotion.formats.ply import write_ply
-from modalmotion.mesh.hdf5 import sequence_to_hdf5
+from modalmotion.mesh.sequence import sequence_to_hdf5
 
 BEAT: Final = mm.simulate_ventricle(
     grid=(8, 12), acquisition=mm.Acquisition(n_frames=4), rng=np.random.default_rng(1)

@@ -44,8 +44,7 @@ from modalmotion.formats import (
 )
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence, PlaneSet, Volume
-from modalmotion.mesh.hdf5 import sequence_to_hdf5
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh.sequence import MeshSequence, sequence_to_hdf5
 
 LIMITS = ReadLimits(frames=1000, vertices=100_000, faces=100_000, decompressed_bytes=20_000_000)
 # Of each reader, and there are some forty with all packages.

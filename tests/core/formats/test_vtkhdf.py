@@ -24,8 +24,7 @@ from modalmotion.errors import (
 )
 from modalmotion.formats import ParserProcess, ReadLimits, read_sequence, write_vtkhdf
 from modalmotion.hdf5.sealed import open_gated, seal
-from modalmotion.mesh.hdf5 import sequence_to_hdf5
-from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence, sequence_to_hdf5
 
 LIMITS = ReadLimits(frames=100, vertices=1000, faces=1000, decompressed_bytes=1_000_000)
 

@@ -11,8 +11,7 @@ import pytest
 
 from modalmotion.errors import LimitError, MalformedFileError, NonFiniteError, ShapeError
 from modalmotion.formats import ParserHere, ReadLimits, read_sequence, write_vtkhdf
-from modalmotion.mesh.hdf5 import sequence_to_hdf5
-from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence, sequence_to_hdf5
 from modalmotion.tracking.reading import Recorded, read_observed
 
 SIZES = (5, 3, 7)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from modalmotion.mesh.checks import FloatArray
-from modalmotion.mesh.sequence import first_at_place
+from modalmotion.mesh.triangles import first_at_place
 
 # Few values, so that vertices meet in some frames and part in others.
 _PATHS = arrays(
@@ -40,7 +40,7 @@ def test_places_of_the_same_key_are_told_apart() -> None:
 def test_no_two_points_of_a_lattice_have_the_same_key(monkeypatch: pytest.MonkeyPatch) -> None:
     nodes = np.stack(np.meshgrid(*[np.arange(40.0)] * 3), axis=-1).reshape(1, -1, 3)
     # Each of the same key would be compared in every frame.
-    monkeypatch.setattr("modalmotion.mesh.sequence._grouped", None)
+    monkeypatch.setattr("modalmotion.mesh.triangles._grouped", None)
     for vertices in (nodes, nodes.astype(np.float32) - 17.5):
         assert (first_at_place(vertices) == np.arange(40**3)).all()
 

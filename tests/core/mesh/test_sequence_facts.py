@@ -9,7 +9,7 @@ from hypothesis import given
 
 from modalmotion import Facts, MeshSequence, ParameterError, mesh_sequence
 from modalmotion.mesh import NO_FACTS
-from modalmotion.mesh.hdf5 import sequence_from_hdf5, sequence_to_hdf5
+from modalmotion.mesh.sequence import sequence_from_hdf5, sequence_to_hdf5
 
 VERTICES = np.arange(24.0).reshape(2, 4, 3)
 

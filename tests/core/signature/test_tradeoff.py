@@ -11,7 +11,7 @@ from tradeoff_cases import true_errors
 
 from modalmotion.errors import ParameterError, ToleranceError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.pictures.tradeoff import tradeoff_figure
+from modalmotion.pictures.signature import tradeoff_figure
 from modalmotion.signature import measure_tradeoff, price_of
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.nested_modes import harmonics_of, n_functions, nested_modes

@@ -15,7 +15,7 @@ from store_samples import sample_sequence
 
 from modalmotion import Facts, MeshSequence, NotFoundError, ParameterError, modal_signature
 from modalmotion.mesh import NO_FACTS, facts_patched
-from modalmotion.mesh.hdf5 import sequence_from_hdf5
+from modalmotion.mesh.sequence import sequence_from_hdf5
 from modalmotion.signature.hdf5 import signature_from_hdf5
 from modalmotion.store import ResultStore, rebuild, verify
 from modalmotion.store.folder import record_from, record_of, record_values

@@ -16,8 +16,7 @@ from modalmotion.signature.making import ModalSignature, SignatureParameters, mo
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.body_frame import Components, vertex_normals
-from modalmotion.template.hdf5 import template_from_hdf5, template_to_hdf5
-from modalmotion.template.template import is_merged
+from modalmotion.template.template import is_merged, template_from_hdf5, template_to_hdf5
 
 
 def surface(topology: str = "cup", n: int = 250) -> Moving:

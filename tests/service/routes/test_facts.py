@@ -17,7 +17,7 @@ from signing import signed
 from modalmotion import Facts, SignatureParameters, simulate_ventricle
 from modalmotion.formats import write_npz
 from modalmotion.mesh import NO_FACTS, facts_as_json
-from modalmotion.mesh.hdf5 import sequence_from_hdf5
+from modalmotion.mesh.sequence import sequence_from_hdf5
 from modalmotion.signature.hdf5 import signature_from_hdf5
 from modalmotion.simulate import Acquisition
 from modalmotion.template import GivenLandmarks

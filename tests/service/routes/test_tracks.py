@@ -21,8 +21,7 @@ from signing import signed
 from modalmotion.formats import write_npz
 from modalmotion.formats.ply import write_ply
 from modalmotion.mesh import Facts
-from modalmotion.mesh.hdf5 import sequence_to_hdf5
-from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.mesh.sequence import mesh_sequence, sequence_to_hdf5
 from modalmotion.store import track_from_hdf5, track_to_hdf5
 from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import read_observed

@@ -264,7 +264,7 @@ def measure_trade(
     )
     with whole_file(output) as temporary:
         if media_type == PNG:
-            from modalmotion.pictures.tradeoff import tradeoff_figure
+            from modalmotion.pictures.signature import tradeoff_figure
 
             tradeoff_figure(found).savefig(temporary, format="png")
         else:

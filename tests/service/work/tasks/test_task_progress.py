@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modalmotion.mesh.hdf5 import sequence_to_hdf5
+from modalmotion.mesh.sequence import sequence_to_hdf5
 from modalmotion.simulate import simulate_ventricle
 from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work.tasks import files, sequences
