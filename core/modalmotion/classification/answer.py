@@ -49,7 +49,8 @@ _STRICT: Final = 0.995
 # Of the amplitudes: above it probabilities were too sure (docs/decisions/0039).
 _UNSURE: Final = 0.2
 
-# Of the motion of a mode, for the derivative by it; and the share of the motion below which it counts as still.
+# Of the motion of a mode, for the derivative by it; and the share of all motion below which modes
+# count as still.
 _GROWTH: Final = 1e-6
 _STILL: Final = 1e-3
 
