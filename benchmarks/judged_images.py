@@ -91,7 +91,7 @@ def real_images(_: int) -> tuple[float, float, float]:
     """Track a real heart's cine; see `beside_contours`."""
     recorded = read_observed(CONTOURS)
     # The middle of all valve points: with the outer contours they are no rim of the inner surface.
-    base = read_observed(CONTOURS, contours=("LV_",)).landmarks["base"]
+    base = read_observed(CONTOURS, labels=("LV_",)).landmarks["base"]
     marks = {"apex": recorded.landmarks["apex"][0], "base": base}
     result = track(read_images(CONTOURS.with_name("dicom")), landmarks=marks)
     return beside_contours(result, recorded)

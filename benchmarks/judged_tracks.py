@@ -19,7 +19,6 @@ import modalmotion as mm
 from modalmotion.signature.making import modal_signature
 from modalmotion.tracking import Track, track
 from modalmotion.tracking.closest import closest_points
-from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import Recorded, read_observed
 
 Floats = NDArray[np.float64]
@@ -157,7 +156,7 @@ def beside_products(seed: int) -> float:
 def real_contours(_: int) -> tuple[float, float]:
     """Distance and EF of a track of a real heart's contours; see `beside_contours`."""
     recorded = read_observed(CONTOURS)
-    result = TrackParameters(topology="cup", unit="mm").follow(recorded)
+    result = track(recorded, topology="cup", unit="mm")
     return beside_contours(result, recorded)[:2]
 
 

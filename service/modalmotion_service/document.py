@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -31,8 +29,6 @@ _SCHEMES: Final = {
     },
     "header": {"type": "apiKey", "in": "header", "name": "X-API-Key", "description": "The same."},
 }
-# Calls that share a parameter, from which on it is described once.
-_MANY: Final = 4
 _PROBLEM: Final = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
 
 
@@ -76,7 +72,6 @@ def completed(
             _complete(operation, method, path, examples)
     # An empty requirement: none is needed over loopback.
     document["security"] = [{"bearer": []}, {"header": []}, {}]
-    _shared(document)
     shortened: dict[str, Any] = _shortened(document)
     return shortened
 
@@ -105,22 +100,6 @@ def _complete(
         operation["security"] = []
         return
     operation["x-scope"] = scope
-
-
-def _shared(document: dict[str, Any]) -> None:
-    """Describe once the parameters that many calls have."""
-    calls = [one for path in document["paths"].values() for one in path.values()]
-    seen = Counter(
-        json.dumps(p, sort_keys=True) for one in calls for p in one.get("parameters", ())
-    )
-    shared = document["components"].setdefault("parameters", {})
-    for one in calls:
-        for number, parameter in enumerate(one.get("parameters", ())):
-            name = parameter["name"]
-            if seen[json.dumps(parameter, sort_keys=True)] < _MANY or parameter["in"] == "path":
-                continue
-            shared[name] = parameter
-            one["parameters"][number] = {"$ref": f"#/components/parameters/{name}"}
 
 
 def _shortened(value: Any) -> Any:

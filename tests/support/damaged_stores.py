@@ -42,8 +42,8 @@ def damage(path: Path, place: int | None = None) -> None:
 
 
 def flip_upload(root: Path) -> None:
-    damage(Folder(root).upload(sample_sequence(1).id))
+    damage(Folder(root).path("uploads", sample_sequence(1).id))
 
 
 def flip_signature(root: Path) -> None:
-    damage(Folder(root).result(ResultName("signature", sample_sequence(1).id, "", KEY)))
+    damage(Folder(root).path("results", ResultName("signature", sample_sequence(1).id, "", KEY)))

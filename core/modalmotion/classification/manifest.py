@@ -15,7 +15,7 @@ from modalmotion.classification.cases import TrainingCase
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError, named
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh import NO_FACTS, Facts, column_of, facts_in, states_fact
-from modalmotion.tracking.parameters import sequence_of
+from modalmotion.tracking.recordings import sequence_of
 
 COLUMNS: Final = ("path", "label", "subject")
 """Of a manifest; further ones are facts and covariates."""

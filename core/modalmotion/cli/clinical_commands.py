@@ -28,7 +28,6 @@ from modalmotion.cli.options import (
 from modalmotion.cli.report_commands import quantity_lines
 from modalmotion.cli.track_commands import fitted_recording, tracking_options
 from modalmotion.clinical import VolumeCurve, clinical_readouts
-from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.clinical.ventricle import ventricle_json, ventricle_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.exports.tables import direction_names
@@ -108,8 +107,7 @@ def _lines(report: Report) -> Iterator[str]:
             of_rates["cardiac_output"] = f"{numeral(rates.cardiac_output, 1)} {unit}/min"
     if (strain := ventricle.strain) is not None:
         key = f"strain in frame {strain.end_systole} of {strain.source}, {strain.layer}"
-        changes = {name: f"change of the {what}" for name, what in DEFINITIONS.items()}
-        said[key] = {name: str(one) for name, one in strain.end_systolic.items()} | changes
+        said[key] = {name: str(one) for name, one in strain.end_systolic.items()}
     if (turning := ventricle.torsion) is not None:
         k = turning.end_systole
         said["torsion, degrees"] = {

@@ -31,7 +31,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import MESH, SPHERE
 from modalmotion.representation import csv_text
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.tracking.parameters import sequence_of
+from modalmotion.tracking.recordings import sequence_of
 
 if TYPE_CHECKING:
     from modalmotion.store import ResultStore, SequenceRecord

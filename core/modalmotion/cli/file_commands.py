@@ -339,7 +339,7 @@ def _recording(
     from modalmotion.clinical import clinical_readouts
     from modalmotion.exports.tables import Recording
     from modalmotion.signature.making import modal_signature
-    from modalmotion.tracking.parameters import sequence_of
+    from modalmotion.tracking.recordings import sequence_of
 
     options = ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
     sequence = sequence_of(file.path, options)

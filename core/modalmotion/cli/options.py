@@ -461,10 +461,16 @@ def example(line: str) -> str:
 
 _NOTES: Final = ("notes", "flags", "left_out")
 _FEW: Final = 8
+# Members of an answer that are lengths, in its unit.
+_LENGTHS: Final = (
+    *("rms", "max_error", "rms_error", "weighted_rms_error", "p95_error", "motion_rms", "noise"),
+    *("deviation_across", "deviation_along", "residual_rms", "rms_deviations"),
+)
 
 
 def described(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
     """Write an answer in words: a line for each member, a table of several objects, notes."""
+    unit = f" {answer['unit']}" if answer.get("unit") else ""
     for name, value in answer.items():
         label = f"{indent}{name.replace('_', ' ').removeprefix('n ')}"
         if name in _NOTES and isinstance(value, list | tuple):
@@ -479,7 +485,7 @@ def described(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
             heads = [key.replace("_", " ") for key in columns]
             yield from (f"{indent}  {row}" for row in aligned([heads, *rows]).splitlines())
         elif value is not None and (value or not isinstance(value, str | list | tuple | Mapping)):
-            yield f"{label:<26} {_text(value)}"
+            yield f"{label:<26} {_text(value)}{unit if name in _LENGTHS else ''}"
 
 
 def _text(value: Any) -> str:

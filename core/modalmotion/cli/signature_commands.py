@@ -294,34 +294,19 @@ def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> Iterator[str]:
         )
     for kind, error in result.scene.items():
         errors[f"as {with_article(kind)} motion"] = error.rms
-    price = chosen.price
+    signature, price = chosen.signature, asdict(chosen.price)
+    named = ("rms_error", "weighted_rms_error", "p95_error", "max_error", "amplitudes_per_frame")
+    notes = [] if result.noise is None else [result.noise.note(front.unit)]
     yield from described(
         {
-            "n_frames": front.n_frames,
-            "n_vertices": front.n_vertices,
-            "unit": front.unit,
-            "motion_rms": front.motion_rms,
+            **members(front, "n_frames", "n_vertices", "unit", "motion_rms"),
             "rms_errors": errors,
-            "chosen": describe(result),
-            "errors of the choice": {
-                "RMS": price.rms_error,
-                "weighted RMS": price.weighted_rms_error,
-                "95th percentile of the worst frame": price.p95_error,
-                "largest": price.max_error,
+            "chosen": {
+                "n_modes": len(signature.modes),
+                **members(signature, "surface", "parameters.components", "parameters.harmonics"),
+                **(price if verbose else {name: price[name] for name in named}),
+                "unit": front.unit,
             },
-            "price": asdict(price) if verbose else {},
+            "notes": (*notes, *signature.notes),
         }
     )
-    notes = [] if result.noise is None else [result.noise.note(front.unit)]
-    yield from described({"notes": (*notes, *chosen.signature.notes)})
-
-
-def describe(result: Tradeoff) -> str:
-    """Describe the choice in a line."""
-    price, signature = result.chosen.price, result.chosen.signature
-    count = counted(len(signature.modes), "mode")
-    text = f"{count}, {signature.surface}, {signature.parameters.components}"
-    harmonics = signature.parameters.harmonics
-    if harmonics is not None:
-        text += f", {counted(harmonics, 'harmonic')}"
-    return f"{text}: {price.amplitudes_per_frame} amplitudes per frame"

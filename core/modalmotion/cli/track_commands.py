@@ -47,8 +47,9 @@ from modalmotion.tracking import Track
 from modalmotion.tracking.hdf5 import track_to_hdf5
 from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
-from modalmotion.tracking.parameters import segment as segment_image
 from modalmotion.tracking.reading import Recorded, holds_contours, read_observed, recorded_images
+from modalmotion.tracking.recordings import segment as segment_image
+from modalmotion.tracking.recordings import track as track_recorded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,11 +73,11 @@ tracking_options = several(
     ),
     label_options,
     start_option,
-    options_of(TrackParameters, "contours", "time", group=TRACKING),
+    options_of(TrackParameters, "time", group=TRACKING),
 )
 """How what has no corresponding vertices is tracked."""
 
-_TRACKING: Final = ("landmarks", "labels", "papillary", "start", "contours", "time")
+_TRACKING: Final = ("landmarks", "labels", "papillary", "start", "time")
 
 
 def fitted_recording(
@@ -97,7 +98,7 @@ def fitted_recording(
         is_stated = named["landmarks"] or named["labels"]
         is_tracked = is_stated or holds_images(source) or holds_contours(source)
         if is_tracked:
-            recorded = read_observed(source, contours=named["contours"])
+            recorded = read_observed(source, labels=named["labels"])
         else:
             sequence = read(source, **options)
     if is_tracked:
@@ -114,8 +115,9 @@ def _followed(
     landmarks, start = named.pop("landmarks"), named.pop("start")
     marks = stated_landmarks(landmarks, recorded, stated["unit"], stated.get("reference", 0))
     surface = None if start is None else read_sequence(start).sequence
-    parameters = TrackParameters(landmarks=marks, **named, **stated)
-    return parameters.follow(recorded, start=surface, progress=progress)
+    return track_recorded(
+        recorded, start=surface, progress=progress, landmarks=marks, **named, **stated
+    )
 
 
 @command("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm")
@@ -150,7 +152,7 @@ def track(
     """
     named = {name: options.pop(name) for name in _TRACKING}
     with counting("frames") as progress:
-        recorded = read_observed(source, contours=named["contours"])
+        recorded = read_observed(source, labels=named["labels"])
         if plot is not None and plot.suffix.lower() == MOVING:
             _require_images(recorded, picture)
         result = _followed(recorded, named, progress, times=times, **options)

@@ -432,8 +432,8 @@ class Recordings(Caller):
         progress : callable, optional
         **options
             As the service names them: modes, tolerance, time, reference, start, topology,
-            contours, unit, times, frame_interval, subject, label, and facts; of images keep,
-            papillary and labels. `landmarks`: apex and base by name, (3,) in the reference
+            labels, unit, times, frame_interval, subject, label, and facts; of images keep and
+            papillary. `landmarks`: apex and base by name, (3,) in the reference
             frame, or (frames, 3) with NaN where it is unknown.
 
         Raises

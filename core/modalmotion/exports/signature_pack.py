@@ -99,7 +99,7 @@ def export(root: Path, out: Path, *, progress: Progress | None = None) -> PackRe
 
     Signatures with the same parameters, modes and unit form a group; their frames follow one
     another, and `n_frames` says how many belong to each. A damaged signature is left out: the
-    report names it. Needs twice the memory that the file takes on disk.
+    report names it. Needs the memory that the file takes on disk.
 
     Parameters
     ----------
@@ -148,13 +148,12 @@ def export(root: Path, out: Path, *, progress: Progress | None = None) -> PackRe
                     yield pair
                 if progress is not None:
                     progress(number + 1, len(names))
+            if len(failures) == len(names):
+                raise CorruptFileError(
+                    f"None of {len(names)} signatures can be read as written. {failures[0][1]}"
+                )
 
-        image = _image(read())
-    if len(failures) == len(names):
-        raise CorruptFileError(
-            f"None of {len(names)} signatures can be read as written. {failures[0][1]}"
-        )
-    write_atomic(out, image)
+        write_pack(out, read())
     return PackReport(len(names) - len(failures), tuple(failures))
 
 
@@ -175,39 +174,58 @@ def write_pack(path: Path, signatures: Iterable[Packed]) -> None:
     write_atomic(path, _image(signatures))
 
 
+# Signatures whose rows are in memory at a time.
+_AT_ONCE: Final = 500
+
+
 def _image(signatures: Iterable[Packed]) -> memoryview:
     import h5py
 
-    # By what its signatures have in common (parameters, modes and unit): the first, and rows.
-    groups: dict[Any, tuple[ModalSignature, list[list[Any]]]] = {}
-    for signature, record in signatures:
-        kind = (signature.parameters.key, signature.modes, signature.unit)
-        _, rows = groups.setdefault(kind, (signature, [[] for _ in _COLUMNS]))
-        for column, of in zip(_COLUMNS, rows, strict=True):
-            of.append(np.asarray(column.rows(signature, record)))
+    # By what its signatures have in common (parameters, modes and unit).
+    groups: dict[Any, Any] = {}
+    waiting: dict[Any, list[Packed]] = {}
+
+    def write_rows() -> None:
+        for kind, pairs in waiting.items():
+            for column in _COLUMNS:
+                values = np.concatenate([np.asarray(column.rows(*pair)) for pair in pairs])
+                values = values.astype(h5py.string_dtype()) if values.dtype.kind == "U" else values
+                _extend(groups[kind], column, values)
+        waiting.clear()
+
+    # In memory, for the HDF5 library does not survive a disk that fills up.
     image = io.BytesIO()
     with h5py.File(image, "w", libver="v110") as file:
         file.attrs.update(FORM.header())
-        for number, (signature, rows) in enumerate(groups.values()):
+        for number, (signature, record) in enumerate(signatures, 1):
             key, unit = signature.parameters.key, signature.unit or "unknown"
-            group = file.create_group(f"{number:03d}-{key}")
-            group.attrs["parameters"] = json.dumps(asdict(signature.parameters), sort_keys=True)
-            group.attrs["parameters_key"] = key
-            group.attrs["topology"] = signature.surface
-            group.attrs["unit"] = unit
-            for one in mode_datasets(signature.modes):
-                _add(group, one.name, one.values, one.unit, one.axes)
-            for column in _COLUMNS:
-                # Let go of as it is written: the file is in memory too.
-                values = np.concatenate(rows.pop(0))
-                values = values.astype(h5py.string_dtype()) if values.dtype.kind == "U" else values
-                _add(group, column.name, values, column.unit.replace("*", unit), column.axes)
+            kind = (key, signature.modes, unit)
+            if kind not in groups:
+                groups[kind] = group = file.create_group(f"{len(groups):03d}-{key}")
+                group.attrs["parameters"] = json.dumps(asdict(signature.parameters), sort_keys=True)
+                group.attrs["parameters_key"] = key
+                group.attrs["topology"] = signature.surface
+                group.attrs["unit"] = unit
+                for one in mode_datasets(signature.modes):
+                    made = group.create_dataset(one.name, data=one.values)
+                    made.attrs.update({"unit": one.unit, "axes": one.axes})
+            waiting.setdefault(kind, []).append((signature, record))
+            if number % _AT_ONCE == 0:
+                write_rows()
+        write_rows()
     return image.getbuffer()
 
 
-def _add(group: Any, name: str, values: NDArray[Any], unit: str, axes: str) -> None:
-    attributes = group.create_dataset(name, data=values).attrs
-    attributes["unit"], attributes["axes"] = unit, axes
+def _extend(group: Any, column: _Column, values: NDArray[Any]) -> None:
+    if column.name in group:
+        dataset = group[column.name]
+        dataset.resize(len(dataset) + len(values), axis=0)
+        dataset[-len(values) :] = values
+        return
+    # Of any length: there may be no axis at all.
+    dataset = group.create_dataset(column.name, data=values, maxshape=(None,) * values.ndim)
+    unit = column.unit.replace("*", group.attrs["unit"])
+    dataset.attrs.update({"unit": unit, "axes": column.axes})
 
 
 def _or_nan(values: NDArray[np.float64] | None, like: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ from modalmotion.store.disk import (
     JsonForm,
     cannot_write,
     is_temporary,
+    replacing,
     sync_paths,
     temporary_beside,
     write_atomic,
@@ -322,13 +323,8 @@ def _is_same(source: Path, copy: Path) -> bool:
 def _copy(source: Path, copy: Path) -> None:
     """Copy a file durably, with its times, wholly or not at all."""
     copy.parent.mkdir(parents=True, exist_ok=True)
-    temporary = temporary_beside(copy)
-    try:
+    with replacing(copy) as temporary:
         shutil.copy2(source, temporary)
-        sync_paths([temporary])
-        temporary.replace(copy)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _stage_database(source: Path, copy: Path) -> Path:

@@ -12,6 +12,7 @@ import sqlite3
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, get_args
 
@@ -89,7 +90,8 @@ SEQUENCE_COLUMNS: Final = (
 # ones from the file. SQLite's own 2 MB are those of ten thousand.
 _READ_CACHE_KB = 8_000
 
-_REBUILD = "Run `modalmotion store rebuild FOLDER`."
+_REBUILD: Final = "Run `modalmotion store rebuild FOLDER`."
+_LOSE_JOBS: Final = ". Without it: remove index.sqlite, which loses jobs only, and open the store."
 
 
 class Database:
@@ -104,22 +106,38 @@ class Database:
     ----------
     path : Path
         Made, with its tables, where it is missing or empty.
+    tables : sequence of str
+        Statements that make them.
+    version : int
+        Of the tables.
+    called : str
+        How errors begin that are about it.
+    remedies : tuple of str and str
+        Advice where it is damaged, and where it was written by another version.
 
     Raises
     ------
     CorruptFileError
         If it is damaged or not an index.
     StoreError
-        If it was written by a newer version, or cannot be opened.
+        If it was written by another version, or cannot be opened.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(
+        self,
+        path: Path,
+        tables: Sequence[str] = TABLES,
+        version: int = VERSION,
+        called: str = "The index",
+        remedies: tuple[str, str] = (_REBUILD, _LOSE_JOBS),
+    ) -> None:
         self._write_lock = threading.Lock()
         self._read_lock = threading.Lock()
-        with _explained():
+        self._explained = partial(explained, called, remedies[0])
+        with self._explained():
             self._writer = _connect(path)
             try:
-                self._prepare()
+                self._prepare(tables, version, called, remedies[1])
                 self._reader = _connect(path)
                 self._reader.execute("PRAGMA query_only = ON")
                 self._reader.execute(f"PRAGMA cache_size = -{_READ_CACHE_KB}")
@@ -129,7 +147,7 @@ class Database:
 
     def read(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
         """Rows that a statement finds."""
-        with self._read_lock, _explained():
+        with self._read_lock, self._explained():
             return self._reader.execute(statement, values).fetchall()
 
     @contextmanager
@@ -147,7 +165,7 @@ class Database:
         StoreError
             If SQLite fails; then, and whenever the block raises, nothing is changed.
         """
-        with self._write_lock, _explained():
+        with self._write_lock, self._explained():
             # One that a failing disk did not let us roll back would keep out all others.
             self._roll_back()
             self._writer.execute("BEGIN IMMEDIATE")
@@ -207,7 +225,7 @@ class Database:
 
     def close(self) -> None:
         """Close both connections; the write-ahead log is merged into the file."""
-        with self._write_lock, self._read_lock, _explained():
+        with self._write_lock, self._read_lock, self._explained():
             self._reader.close()
             self._writer.close()
 
@@ -220,23 +238,22 @@ class Database:
                 return [str(error)]
         return [text for (text,) in rows if text != "ok"]
 
-    def _prepare(self) -> None:
+    def _prepare(self, tables: Sequence[str], version: int, called: str, remedy: str) -> None:
         self._writer.execute("PRAGMA journal_mode = WAL")
-        (version,) = self._writer.execute("PRAGMA user_version").fetchone()
-        if version == VERSION:
-            return
-        (n_tables,) = self._writer.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        if version != 0 or n_tables:
-            raise StoreError(
-                f"The index has version {version} of its schema; this program knows {VERSION}.",
-                remedy="Use the modalmotion that wrote it. Without it: "
-                "remove index.sqlite, which loses jobs only, and open the store.",
-                details={"schema_version": version, "known": VERSION},
-            )
+        # Within a transaction: another process may be making the tables.
         self._writer.execute("BEGIN IMMEDIATE")
-        for statement in TABLES:
-            self._writer.execute(statement)
-        self._writer.execute(f"PRAGMA user_version = {VERSION}")
+        (found,) = self._writer.execute("PRAGMA user_version").fetchone()
+        (n_tables,) = self._writer.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        if found == 0 and not n_tables:
+            for statement in tables:
+                self._writer.execute(statement)
+            self._writer.execute(f"PRAGMA user_version = {version}")
+        elif found != version:
+            raise StoreError(
+                f"{called} has version {found} of its schema; this program knows {version}.",
+                remedy=f"Use the modalmotion that wrote it{remedy}",
+                details={"schema_version": found, "known": version},
+            )
         self._writer.execute("COMMIT")
 
 
@@ -255,15 +272,16 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 @contextmanager
-def _explained() -> Iterator[None]:
+def explained(called: str, remedy: str) -> Iterator[None]:
+    """Raise what SQLite says of a file as an error of ours, which begins as `called`."""
     try:
         yield
     except sqlite3.ProgrammingError as error:
         raise StoreError("The store is closed.", remedy="Open it first.") from error
     except sqlite3.OperationalError as error:
         raise StoreError(
-            f"The index could not be read or written ({error}); nothing was changed.",
+            f"{called} could not be read or written ({error}); nothing was changed.",
             remedy="Check that the disk is not full and may be written to, and try again.",
         ) from error
     except sqlite3.DatabaseError as error:
-        raise CorruptFileError(f"The index is damaged ({error}).", remedy=_REBUILD) from error
+        raise CorruptFileError(f"{called} is damaged ({error}).", remedy=remedy) from error

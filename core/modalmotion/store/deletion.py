@@ -163,7 +163,7 @@ def begin_deletion(folder: Folder, sequence_id: str) -> None:
     StoreError
         If that fails; nothing is changed then.
     """
-    record, mark = folder.record(sequence_id), folder.deletion(sequence_id)
+    record, mark = folder.path("records", sequence_id), folder.path("deletions", sequence_id)
     if record.is_file():
         rename(record, mark)
     else:
@@ -179,13 +179,13 @@ def finish_deletion(folder: Folder, index: Index, sequence_id: str) -> None:
         If a step fails; the mark stays then, and this can be called again.
     """
     # Files before the index: on a full disk the index has no room to change until they go.
-    files = [folder.upload(sequence_id), folder.record(sequence_id)]
+    files = [folder.path("uploads", sequence_id), folder.path("records", sequence_id)]
     try:
         remove_durably(*files, *folder.derived(sequence_id))
         index.change(without=sequence_id)
         # Before the mark goes: without either, a backup would take the files for lost.
         bury(folder.root, sequence_id)
-        remove_durably(folder.deletion(sequence_id))
+        remove_durably(folder.path("deletions", sequence_id))
     except StoreError as error:
         raise StoreError(
             f"The deletion of sequence {sequence_id[:12]} has begun, but could not be finished: "
@@ -213,7 +213,7 @@ def begin_model_deletion(folder: Folder, record: ModelRecord) -> ModelRecord:
         If that fails; nothing is changed then.
     """
     gone = replace(record, deleted=now())
-    write_atomic(folder.deleted_model(record.reference), FORM.write(model_values(gone)))
+    write_atomic(folder.path("deleted_models", record.reference), FORM.write(model_values(gone)))
     return gone
 
 

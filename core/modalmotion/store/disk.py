@@ -11,7 +11,7 @@ import os
 import re
 import secrets
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -51,14 +51,9 @@ def write_atomic(path: Path, data: bytes | memoryview) -> None:
         If any step fails. No temporary file remains, and `path` has its previous content.
     """
     previous = content_of(path) if path.exists() else None
-    temporary = temporary_beside(path)
     try:
-        try:
-            _write_durably(temporary, data)
-            temporary.replace(path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        with replacing(path) as temporary:
+            _write(temporary, data)
         try:
             sync_paths([path.parent])
         except BaseException:
@@ -66,6 +61,18 @@ def write_atomic(path: Path, data: bytes | memoryview) -> None:
             raise
     except OSError as error:
         raise cannot_write(path, error) from error
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a file beside a path, which takes its place, synchronised, if the block succeeds."""
+    temporary = temporary_beside(path)
+    try:
+        yield temporary
+        sync_paths([temporary])
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def put_back(path: Path, content: bytes | None) -> None:
@@ -157,13 +164,12 @@ def cannot_write(path: Path, error: OSError) -> StoreError:
     )
 
 
-def _write_durably(path: Path, data: bytes | memoryview) -> None:
+def _write(path: Path, data: bytes | memoryview) -> None:
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
     try:
         view = memoryview(data)
         while view:
             view = view[os.write(descriptor, view) :]
-        os.fsync(descriptor)
     finally:
         os.close(descriptor)
 

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from enum import Enum
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
@@ -42,27 +42,31 @@ from modalmotion.store.disk import JsonForm, is_temporary
 
 _ID: Final = "[0-9a-f]{64}"
 _KEY: Final = "[0-9a-f]{16}"
+# Folder and suffix of what lies in shards under an id.
+_BY_ID: Final = {
+    "records": ("sequences", ".json"),
+    "uploads": ("sequences", ".h5"),
+    "deletions": ("sequences", ".deleted"),
+    "templates": ("templates", ".h5"),
+    "image_records": ("images", ".json"),
+    "images": ("images", ".h5"),
+}
+_VERSIONS: Final = {"models": ".h5", "deleted_models": ".deleted"}
 # A folder, and an id that begins with its name.
 _IN_SHARD: Final = r"(?P<shard>[0-9a-f]{2})/(?P<id>(?P=shard)[0-9a-f]{62})"
 _KIND: Final = r"(?P<kind>(?P<has_model>classification)|signature|track)"
 _MODEL: Final = rf"models/(?P<name>{NAME_PATTERN})/(?P<version>{VERSION_PATTERN})"
-_PLACES: Final = {
+_PATTERNS: Final = {
     place: re.compile(pattern)
     for place, pattern in (
-        ("records", rf"sequences/{_IN_SHARD}\.json"),
-        ("uploads", rf"sequences/{_IN_SHARD}\.h5"),
-        ("deletions", rf"sequences/{_IN_SHARD}\.deleted"),
+        *((place, rf"{of}/{_IN_SHARD}\{suffix}") for place, (of, suffix) in _BY_ID.items()),
+        *((place, rf"{_MODEL}\{suffix}") for place, suffix in _VERSIONS.items()),
         ("results", rf"{_KIND}s/{_IN_SHARD}-(?(has_model)(?P<model>{_ID})-)(?P<key>{_KEY})\.h5"),
         ("rendered", rf"signatures/{_IN_SHARD}-{_KEY}\.json"),
-        ("templates", rf"templates/{_IN_SHARD}\.h5"),
-        ("image_records", rf"images/{_IN_SHARD}\.json"),
-        ("images", rf"images/{_IN_SHARD}\.h5"),
         ("norms", rf"norms/(?P<id>{NAME_PATTERN})\.h5"),
-        ("models", rf"{_MODEL}\.h5"),
-        ("deleted_models", rf"{_MODEL}\.deleted"),
     )
 }
-"""Paths of the files of a store, by the field of `Scan` that their names are in."""
+"""Paths of the files of a store, by place."""
 # A cohort's own list of finished work, and its table.
 _COHORT_FILES: Final = ("cohort.jsonl", "cohort.csv")
 _INDEX_FILES: Final = ("index.sqlite", "index.sqlite-wal", "index.sqlite-shm")
@@ -97,23 +101,9 @@ def track_name(sequence_id: str) -> ResultName:
     return ResultName("track", sequence_id, "", sequence_id[:16])
 
 
-@dataclass(frozen=True)
-class Scan:
-    """Everything that is in a store, by name."""
-
-    records: set[str] = field(default_factory=set)
-    uploads: set[str] = field(default_factory=set)
-    deletions: set[str] = field(default_factory=set)
-    results: set[ResultName] = field(default_factory=set)
-    rendered: set[str] = field(default_factory=set)
-    templates: set[str] = field(default_factory=set)
-    image_records: set[str] = field(default_factory=set)
-    images: set[str] = field(default_factory=set)
-    norms: set[str] = field(default_factory=set)
-    models: set[ModelReference] = field(default_factory=set)
-    deleted_models: set[ModelReference] = field(default_factory=set)
-    temporaries: list[Path] = field(default_factory=list)
-    foreign: list[Path] = field(default_factory=list)
+Scan = dict[str, set[Any]]
+"""Names of everything that is in a store, by place; of what has none the paths, as `temporaries`
+and `foreign`."""
 
 
 @dataclass(frozen=True)
@@ -143,47 +133,20 @@ class Folder:
         folders = (self.root / name for name in ("sequences", "models"))
         return self.index.is_file() or any(folder.is_dir() for folder in folders)
 
-    def record(self, sequence_id: str) -> Path:
-        """Record of a sequence."""
-        return self._of_sequence(sequence_id, "json")
-
-    def upload(self, sequence_id: str) -> Path:
-        """Vertices of a sequence."""
-        return self._of_sequence(sequence_id, "h5")
-
-    def deletion(self, sequence_id: str) -> Path:
-        """File in place of the record while a sequence is deleted."""
-        return self._of_sequence(sequence_id, "deleted")
-
-    def result(self, name: ResultName) -> Path:
-        """File of a result."""
-        parts = [name.sequence_id, name.model_id, name.key]
-        file = "-".join(part for part in parts if part) + ".h5"
-        return self.root / f"{name.kind}s" / name.sequence_id[:2] / file
-
-    def template(self, template_id: str) -> Path:
-        """File of a template."""
-        return self.root / "templates" / template_id[:2] / f"{template_id}.h5"
-
-    def images(self, images_id: str) -> Path:
-        """File of the samples of images."""
-        return self.root / "images" / images_id[:2] / f"{images_id}.h5"
-
-    def images_record(self, images_id: str) -> Path:
-        """Record of images."""
-        return self.images(images_id).with_suffix(".json")
-
-    def norm(self, name: str) -> Path:
-        """File of a norm."""
-        return self.root / "norms" / f"{name}.h5"
-
-    def model(self, reference: ModelReference) -> Path:
-        """File of a version of a model."""
-        return self.root / "models" / reference.name / f"{reference.version}.h5"
-
-    def deleted_model(self, reference: ModelReference) -> Path:
-        """File that stays in place of a version that was deleted."""
-        return self.root / "models" / reference.name / f"{reference.version}.deleted"
+    def path(self, place: str, name: Any) -> Path:
+        """File of a place: of an id, a result's name, a norm's, or a reference to a model."""
+        parts: tuple[str, ...]
+        if place in _BY_ID:
+            folder, suffix = _BY_ID[place]
+            parts = (folder, name[:2], f"{name}{suffix}")
+        elif place in _VERSIONS:
+            parts = ("models", name.name, f"{name.version}{_VERSIONS[place]}")
+        elif place == "norms":
+            parts = ("norms", f"{name}.h5")
+        else:
+            ids = (name.sequence_id, name.model_id, name.key)
+            parts = (f"{name.kind}s", ids[0][:2], "-".join(filter(None, ids)) + ".h5")
+        return self.root.joinpath(*parts)
 
     def last_version(self, name: str) -> int:
         """Highest version of a model that was ever used, deleted or not; 0 for none."""
@@ -209,14 +172,13 @@ class Folder:
         StoreError
             If a folder cannot be read.
         """
-        scan = Scan()
+        scan: Scan = {place: set() for place in (*_PATTERNS, "temporaries", "foreign")}
+        known = (*_INDEX_FILES, "lock", *_OF_THE_SERVICE, *_KEPT_BESIDE, *FOLDERS)
         try:
-            for path in self.root.iterdir():
-                if path.name not in (*_INDEX_FILES, "lock", *_OF_THE_SERVICE, *_OF_CARE, *FOLDERS):
-                    scan.foreign.append(path)
-            for name in FOLDERS:
-                for path in _files(self.root / name):
-                    self._sort(path, scan)
+            scan["foreign"] = {path for path in self.root.iterdir() if path.name not in known}
+            for path in (path for name in FOLDERS for path in _files(self.root / name)):
+                place, name = self._sorted(path)
+                scan[place].add(name)
         except OSError as error:
             raise StoreError(
                 f"The folder of the store cannot be read: {error.strerror}.",
@@ -225,25 +187,17 @@ class Folder:
         return scan
 
     def names(self, place: str) -> list[Any]:
-        """Names of all files of a place, a field of `Scan`, sorted."""
-        pattern = _PLACES[place]
-        paths = _files(self.root / pattern.pattern.partition("/")[0])
-        matches = (pattern.fullmatch(self.short(path)) for path in paths)
-        return sorted(_name(match) for match in matches if match is not None)
+        """Names of all files of a place, sorted."""
+        paths = _files(self.root / _PATTERNS[place].pattern.partition("/")[0])
+        return sorted(name for at, name in map(self._sorted, paths) if at == place)
 
-    def _sort(self, path: Path, scan: Scan) -> None:
-        name = self.short(path)
-        if is_temporary(path.name):
-            scan.temporaries.append(path)
-            return
-        for place, pattern in _PLACES.items():
-            if (match := pattern.fullmatch(name)) is not None:
-                getattr(scan, place).add(_name(match))
-                return
-        scan.foreign.append(path)
-
-    def _of_sequence(self, sequence_id: str, suffix: str) -> Path:
-        return self.root / "sequences" / sequence_id[:2] / f"{sequence_id}.{suffix}"
+    def _sorted(self, path: Path) -> tuple[str, Any]:
+        """Place of a file, and its name there; the path where it has none."""
+        short = self.short(path)
+        for place, pattern in _PATTERNS.items():
+            if (match := pattern.fullmatch(short)) is not None:
+                return place, _name(match)
+        return "temporaries" if is_temporary(path.name) else "foreign", path
 
 
 RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
@@ -254,7 +208,7 @@ RESULT_FOLDERS: Final[dict[str, ResultKind]] = {
 # Files under way; keys and audit log; stores of owners other than the folder's own; what a
 # cluster's workers are known by.
 _OF_THE_SERVICE: Final = ("spool", "access", "owners", "cluster", *_COHORT_FILES)
-_OF_CARE: Final = ("deleted", "backup.json")
+_KEPT_BESIDE: Final = ("deleted", "backup.json")
 FOLDERS: Final = ("sequences", "templates", "images", "models", "norms", *RESULT_FOLDERS)
 
 

@@ -166,9 +166,9 @@ class ImageStore(SequenceStore):
                 remedy="Use the images' own id.",
             )
         with self._changing(record.id):
-            path = self._folder.images(record.id)
+            path = self._folder.path("images", record.id)
             with contextlib.suppress(StoreError):
-                known = read_images_record(self._folder.images_record(record.id))
+                known = read_images_record(self._folder.path("image_records", record.id))
                 if path.is_file():
                     return known, False
             record = replace(record, created=now())
@@ -197,7 +197,7 @@ class ImageStore(SequenceStore):
         self._open_index()
         with contextlib.suppress(NotFoundError):
             if is_id(images_id):
-                return read_images_record(self._folder.images_record(images_id))
+                return read_images_record(self._folder.path("image_records", images_id))
         raise NotFoundError(
             f"There are no images {str(images_id)[:12]!r}: they are deleted after tracking, where "
             "nobody keeps them.",
@@ -215,7 +215,7 @@ class ImageStore(SequenceStore):
             If they are gone.
         """
         self.images_record(images_id)
-        path = self._folder.images(images_id)
+        path = self._folder.path("images", images_id)
         if not path.is_file():
             # Deleted since, or gone.
             self.images_record(images_id)
@@ -299,9 +299,12 @@ class ImageStore(SequenceStore):
         self._open_index()
         with self._changing(images_id):
             # A damaged record is no reason to keep what it represents.
-            if not is_id(images_id) or not self._folder.images_record(images_id).is_file():
+            if not is_id(images_id) or not self._folder.path("image_records", images_id).is_file():
                 self.images_record(images_id)
-            files = (self._folder.images_record(images_id), self._folder.images(images_id))
+            files = (
+                self._folder.path("image_records", images_id),
+                self._folder.path("images", images_id),
+            )
             bury_and_remove(self.root, images_id, *files)
 
     def replace_sequence(
@@ -337,8 +340,8 @@ class ImageStore(SequenceStore):
         for images_id in self._folder.names("image_records"):
             # One that is damaged costs the others nothing, nor one that is deleted meanwhile.
             with contextlib.suppress(StoreError):
-                yield read_images_record(self._folder.images_record(images_id))
+                yield read_images_record(self._folder.path("image_records", images_id))
 
     def _write_record(self, record: ImagesRecord) -> None:
-        path = self._folder.images_record(record.id)
+        path = self._folder.path("image_records", record.id)
         self._write([(path, IMAGES_FORM.write(asdict(record)))], lambda: None)

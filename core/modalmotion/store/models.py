@@ -77,7 +77,7 @@ class ModelStore(Opening):
             versions = [record.version for record in index.versions(name)]
             version = 1 + max(self._folder.last_version(name), *versions, 0)
             new_version = numbered(stored_model, version, now())
-            path = self._folder.model(new_version.record.reference)
+            path = self._folder.path("models", new_version.record.reference)
             self._write(
                 [(path, model_to_hdf5(new_version))], lambda: index.put_model(new_version.record)
             )
@@ -145,7 +145,7 @@ class ModelStore(Opening):
         LostFileError
             If its file is gone.
         """
-        path = self._folder.model(self.model_record(name, version).reference)
+        path = self._folder.path("models", self.model_record(name, version).reference)
         if not path.is_file():
             # Deleted meanwhile, or gone.
             self.model_record(name, version)
@@ -181,7 +181,7 @@ class ModelStore(Opening):
             If its file is damaged or missing.
         """
         record = self.model_record(name, version)
-        return model_from_hdf5(self._folder.model(record.reference))
+        return model_from_hdf5(self._folder.path("models", record.reference))
 
     def delete_model(self, name: str, version: int) -> None:
         """Delete a version of a model; its number is not used again.
@@ -202,7 +202,7 @@ class ModelStore(Opening):
             gone = begin_model_deletion(self._folder, record)
             # From here on it is deleted, whatever happens.
             index.put_model(gone)
-            remove_durably(self._folder.model(gone.reference))
+            remove_durably(self._folder.path("models", gone.reference))
 
 
 def _lock_of(name: str) -> str:
@@ -243,7 +243,7 @@ class TemplateStore(SequenceStore):
                 f"A template cannot be kept as {str(template_id)[:12]!r}: that is not a digest.",
                 remedy="Use the template's own id.",
             )
-        path = self._folder.template(template_id)
+        path = self._folder.path("templates", template_id)
         with self._changing(template_id):
             if is_sound(path):
                 return False
@@ -259,7 +259,10 @@ class TemplateStore(SequenceStore):
             If there is none.
         """
         self._open_index()
-        if not is_id(template_id) or not (path := self._folder.template(template_id)).is_file():
+        if (
+            not is_id(template_id)
+            or not (path := self._folder.path("templates", template_id)).is_file()
+        ):
             raise NotFoundError(
                 f"There is no template {str(template_id)[:12]!r}.",
                 remedy="Use the id returned when it was made, or make it.",
@@ -303,7 +306,7 @@ class NormStore(Opening):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        path = self._folder.norm(require_model_name(norm.name))
+        path = self._folder.path("norms", require_model_name(norm.name))
         with self._changing(digest_of_norm(norm.name)):
             known = norm_from_hdf5(path).id if is_sound(path) else None
             if known is None:
@@ -325,13 +328,13 @@ class NormStore(Opening):
             If there is none.
         """
         self._open_index()
-        if not is_model_name(name) or not self._folder.norm(name).is_file():
+        if not is_model_name(name) or not self._folder.path("norms", name).is_file():
             raise NotFoundError(
                 f"There is no norm named {str(name)[:80]!r}.",
                 remedy="Use one that is listed, or make it of your controls.",
                 details={"norm": str(name)[:80]},
             )
-        return self._folder.norm(name)
+        return self._folder.path("norms", name)
 
     def norm(self, name: str) -> Norm:
         """Read a norm.

@@ -142,7 +142,9 @@ class Opening:
                 stack.enter_context(self._stripes[number])
             index = self._open_index()
             try:
-                deleted = {name for name in sequence_ids if self._folder.deletion(name).exists()}
+                deleted = {
+                    name for name in sequence_ids if self._folder.path("deletions", name).exists()
+                }
                 for name in deleted:
                     finish_deletion(self._folder, index, name)
                 yield bool(deleted)
@@ -217,7 +219,7 @@ class Opening:
             is_there = path.is_file()
         if is_there:
             return path
-        if path == self._folder.upload(sequence_id):
+        if path == self._folder.path("uploads", sequence_id):
             raise lost_file(
                 f"The file of sequence {sequence_id[:12]} with its vertices",
                 "Send the sequence again, which stores them under the same id",
@@ -360,7 +362,7 @@ class SequenceRecords(Opening):
         """Write a record over the known one, inside `_changing`."""
         if record != known:
             index = self._open_index()
-            file = (self._folder.record(record.id), record_to_json(record))
+            file = (self._folder.path("records", record.id), record_to_json(record))
             self._write([file], lambda: index.change([record], erases=erases))
         return record
 

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from modalmotion.classification.answer_hdf5 import read_classification
 from modalmotion.classification.card import ModelRecord, ModelReference
 from modalmotion.classification.model_files import read_kept_model
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.hdf5.image import require_match
-from modalmotion.hdf5.sealed import digest_of, is_sound
+from modalmotion.hdf5.sealed import digest_of
 from modalmotion.images.hdf5 import read_images_file
-from modalmotion.mesh.sequence import MeshSequence, read_sequence
+from modalmotion.mesh.sequence import read_sequence
 from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
@@ -45,7 +44,6 @@ from modalmotion.store.index import Index, put_models, put_records, put_results,
 from modalmotion.template.template import read_template
 from modalmotion.tracking.hdf5 import read_track
 
-T = TypeVar("T")
 _STRANGE_VERTICES: Final = "Its vertices are not those that its id represents."
 
 # Readers of whole files: each gives what the index has of one, if that has a row of it.
@@ -54,16 +52,17 @@ _STRANGE_VERTICES: Final = "Its vertices are not those that its id represents."
 def _record(path: Path, sequence_id: str) -> SequenceRecord:
     record = read_record(path)
     if record.id != sequence_id:
-        raise StoreError("It is the record of another sequence.")
+        raise CorruptFileError("It is the record of another sequence.")
     return record
 
 
-def _upload(path: Path, sequence_id: str) -> MeshSequence:
+def _upload(path: Path, sequence_id: str) -> SequenceRecord:
+    """Record made of the vertices, which know neither subject nor label, nor when they came."""
     sequence, contents = read_sequence(path)
     require_match(path, contents, sequence_id=sequence_id)
     if sequence.id != sequence_id:
         raise StoreError(_STRANGE_VERTICES)
-    return sequence
+    return record_of(sequence, created=to_text(path.stat().st_mtime), has_upload=True)
 
 
 def _result(path: Path, name: ResultName) -> str:
@@ -107,18 +106,35 @@ def _model(path: Path, reference: ModelReference) -> ModelRecord:
     return model.record
 
 
-_FILES: Final[dict[str, tuple[Callable[[Folder, Any], Path], Callable[[Path, Any], Any]]]] = {
-    "records": (Folder.record, _record),
-    "uploads": (Folder.upload, _upload),
-    "results": (Folder.result, _result),
-    "templates": (Folder.template, _template),
-    "image_records": (Folder.images_record, _images_record),
-    "images": (Folder.images, _images),
-    "norms": (Folder.norm, _norm),
-    "models": (Folder.model, _model),
-    "deleted_models": (Folder.deleted_model, deleted_record),
+_READERS: Final[dict[str, Callable[[Path, Any], Any]]] = {
+    "records": _record,
+    "uploads": _upload,
+    "results": _result,
+    "templates": _template,
+    "image_records": _images_record,
+    "images": _images,
+    "norms": _norm,
+    "models": _model,
+    "deleted_models": deleted_record,
 }
-"""Path and reader of the files of each field of `Scan`."""
+"""By place."""
+
+
+def _rows(
+    folder: Folder, files: Iterable[tuple[str, Any]], progress: Progress | None
+) -> Iterator[tuple[Path, str, Any, Any]]:
+    """Read files of places and names: gives path, place, name, and the row or what is wrong."""
+    chosen = sorted(((folder.path(*file), *file) for file in files), key=lambda file: file[0])
+    for number, (path, place, name) in enumerate(chosen, 1):
+        try:
+            row = _READERS[place](path, name)
+        except StoreError as error:
+            row = error
+        except OSError as error:
+            row = StoreError(str(error.strerror))
+        yield path, place, name, row
+        if progress is not None:
+            progress(number, len(chosen))
 
 
 @shown()
@@ -187,13 +203,16 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
         If another process has it open, or its folder cannot be read.
     """
     folder = existing_store(root)
+    faults: list[Fault] = []
+    missing: list[str] = []
+    unfinished: list[Path] = []
+    known: dict[str, Callable[[Any], Any]] = {}
+    is_clean, n_bytes = False, 0
     with FolderLock(folder.lock), contextlib.ExitStack() as stack:
         scan = folder.scan()
-        faults: list[Fault] = []
-        missing: list[str] = []
-        known: dict[str, Callable[[Any], Any]] = {}
-        is_clean = False
-        if folder.index.is_file():
+        if not folder.index.is_file():
+            faults = [Fault(folder.index.name, "It is missing; `modalmotion store rebuild`.")]
+        else:
             try:
                 index = Index(stack.enter_context(contextlib.closing(Database(folder.index))))
                 problems, missing = _index_faults(folder, index, scan)
@@ -204,47 +223,34 @@ def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
                 known |= dict.fromkeys(("models", "deleted_models"), models.get)
             except StoreError as error:
                 faults.append(Fault(folder.index.name, error.message))
-        else:
-            faults.append(Fault(folder.index.name, "It is missing; `modalmotion store rebuild`."))
-        files = [
-            (path_of(folder, name), place, name)
-            for place, (path_of, _) in _FILES.items()
-            for name in getattr(scan, place)
-        ]
-        n_bytes = 0
-        unfinished: list[Path] = []
-        for number, (path, place, name) in enumerate(sorted(files, key=lambda file: file[0])):
-            try:
-                n_bytes += path.stat().st_size
-                problem = _problem(scan, known, place, name, _FILES[place][1](path, name))
-                if problem and (is_clean or place == "uploads"):
-                    faults.append(Fault(folder.short(path), problem))
-                elif problem:
-                    # A crash between two files, or file and index: it was never confirmed.
-                    unfinished.append(path)
-            except StoreError as error:
-                faults.append(Fault(folder.short(path), error.message))
-            except OSError as error:
-                faults.append(Fault(folder.short(path), str(error.strerror)))
-            if progress is not None:
-                progress(number + 1, len(files))
+        files = ((place, name) for place in _READERS for name in scan[place])
+        for path, place, name, row in _rows(folder, files, progress):
+            is_read = not isinstance(row, StoreError)
+            n_bytes += path.stat().st_size if path.exists() else 0
+            problem = _problem(scan, known, place, name, row) if is_read else row.message
+            if problem and (is_clean or place == "uploads" or not is_read):
+                faults.append(Fault(folder.short(path), problem))
+            elif problem:
+                # A crash between two files, or file and index: it was never confirmed.
+                unfinished.append(path)
     unfinished += [
-        *scan.temporaries,
-        *map(folder.deletion, scan.deletions),
-        *map(folder.images, scan.images - scan.image_records),
-        *map(folder.model, scan.models & scan.deleted_models),
+        *scan["temporaries"],
+        *(folder.path("deletions", name) for name in scan["deletions"]),
+        *(folder.path("images", name) for name in scan["images"] - scan["image_records"]),
+        *(folder.path("models", name) for name in scan["models"] & scan["deleted_models"]),
     ]
-    known_ids = scan.records | scan.deletions
-    orphans = [folder.result(name) for name in scan.results if name.sequence_id not in known_ids]
+    known_ids = scan["records"] | scan["deletions"]
+    orphans = {name for name in scan["results"] if name.sequence_id not in known_ids}
+    strays = [*scan["foreign"], *(folder.path("results", name) for name in orphans)]
     lost = "It is missing, though the index knows it."
     return VerifyReport(
-        n_sequences=len(scan.records),
-        n_results=len(scan.results),
+        n_sequences=len(scan["records"]),
+        n_results=len(scan["results"]),
         n_bytes=n_bytes,
         faults=(*faults, *(Fault(file, lost) for file in missing)),
         unfinished=tuple(sorted(map(folder.short, unfinished))),
-        orphans=tuple(sorted(map(folder.short, [*scan.foreign, *orphans]))),
-        n_models=len(scan.models),
+        orphans=tuple(sorted(map(folder.short, strays))),
+        n_models=len(scan["models"]),
     )
 
 
@@ -252,13 +258,13 @@ def _problem(
     scan: Scan, known: dict[str, Callable[[Any], Any]], place: str, name: Any, row: Any
 ) -> str:
     """Return what is wrong with a file that can be read, among the others and in the index."""
-    if place == "uploads" and not (name in scan.records or name in scan.deletions):
+    if place == "uploads" and not (name in scan["records"] or name in scan["deletions"]):
         return "Its record is missing."
-    if place == "records" and row.has_upload and name not in scan.uploads:
+    if place == "records" and row.has_upload and name not in scan["uploads"]:
         return "Its vertices are recorded as kept, but are missing."
     is_listed = not (
-        (place == "results" and name.sequence_id not in scan.records)
-        or (place == "models" and name in scan.deleted_models)
+        (place == "results" and name.sequence_id not in scan["records"])
+        or (place == "models" and name in scan["deleted_models"])
     )
     if place in known and is_listed and known[place](name) != row:
         return "The index does not know it, or knows it otherwise."
@@ -268,17 +274,13 @@ def _problem(
 def _index_faults(folder: Folder, index: Index, scan: Scan) -> tuple[list[str], list[str]]:
     """List what is wrong with an index by itself, and files that it knows and that are missing."""
     problems = index.database.faults()
+    models = {record.reference for record in index.models()}
     paths = [
-        *(folder.record(name) for name in index.ids() if name not in scan.records),
-        *(folder.result(name) for name in index.results() if name not in scan.results),
-        *(
-            folder.model(one)
-            for one in {record.reference for record in index.models()}
-            - scan.models
-            - scan.deleted_models
-        ),
+        *(folder.path("records", name) for name in index.ids() if name not in scan["records"]),
+        *(folder.path("results", name) for name in index.results() if name not in scan["results"]),
+        *(folder.path("models", one) for one in models - scan["models"] - scan["deleted_models"]),
     ]
-    missing = [folder.short(p) for p in sorted(paths) if p.name[:64] not in scan.deletions]
+    missing = [folder.short(p) for p in sorted(paths) if p.name[:64] not in scan["deletions"]]
     if index.count() != index.recount():
         problems.append("It miscounts its rows; `modalmotion store rebuild`.")
     return problems, missing
@@ -409,81 +411,79 @@ def reconcile(
         If a file cannot be removed or written; the index is as it was.
     """
     scan = folder.scan()
-    remove_durably(*scan.temporaries)
-    scan.deletions.update(_returned(folder, scan))
-    for sequence_id in sorted(scan.deletions):
+    remove_durably(*scan["temporaries"])
+    scan["deletions"].update(_returned(folder, scan))
+    for sequence_id in sorted(scan["deletions"]):
         finish_deletion(folder, index, sequence_id)
-    for reference in sorted(scan.models & scan.deleted_models):
-        remove_durably(folder.model(reference))
-    damaged: list[str] = []
-    restored: list[str] = []
-
-    def read(path: Path, reader: Callable[[], T]) -> T | None:
-        try:
-            return reader()
-        except StoreError:
-            damaged.append(folder.short(path))
-            return None
-
-    sequence_ids = sorted((scan.records | scan.uploads) - scan.deletions)
-    results = sorted(name for name in scan.results if name.sequence_id not in scan.deletions)
-    steps = iter(range(1, len(sequence_ids) + len(results) + 1))
-
-    def count() -> None:
-        if progress is not None:
-            progress(next(steps), len(sequence_ids) + len(results))
-
-    records: dict[str, SequenceRecord] = {}
-    for sequence_id in sequence_ids:
-        path, upload = folder.record(sequence_id), folder.upload(sequence_id)
-        read_one = partial(_mended, folder, index, scan, sequence_id)
-        found = read(path if path.exists() else upload, read_one)
-        if found is not None:
-            records[sequence_id], is_new = found
-            if thorough and found[0].has_upload and not is_sound(upload):
-                damaged.append(folder.short(upload))
-            restored += [folder.short(path)] * is_new
-        count()
-    orphans = [folder.short(path) for path in scan.foreign]
-    rows: list[tuple[ResultName, str]] = []
-    for name in results:
-        path = folder.result(name)
-        if name.sequence_id not in records:
-            orphans.append(folder.short(path))
+    for reference in scan["models"] & scan["deleted_models"]:
+        remove_durably(folder.path("models", reference))
+    ids = (scan["records"] | scan["uploads"]) - scan["deletions"]
+    results = {name for name in scan["results"] if name.sequence_id not in scan["deletions"]}
+    known: dict[Any, Any] = {}
+    if not thorough:
+        known = {name: digest for name in results if (digest := index.digest(name)) is not None}
+    wanted = {
+        "records": ids & scan["records"],
+        "uploads": ids & scan["uploads"] if thorough else (),
+        "results": {one for one in results - known.keys() if one.sequence_id in ids},
+        "models": scan["models"] - scan["deleted_models"],
+        "deleted_models": scan["deleted_models"],
+    }
+    damaged: dict[Path, StoreError] = {}
+    read: dict[str, dict[Any, Any]] = {place: {} for place in wanted}
+    files = ((place, name) for place, names in wanted.items() for name in names)
+    for path, place, name, row in _rows(folder, files, progress):
+        if isinstance(row, StoreError):
+            damaged[path] = row
         else:
-            known = None if thorough else index.digest(name)
-            digest = known or read(path, partial(_result, path, name))
-            rows += [] if digest is None else [(name, digest)]
-        count()
+            read[place][name] = row
+    read["results"] |= known
+    restored: list[str] = []
+    records: dict[str, SequenceRecord] = read["records"]
+    for sequence_id in sorted(ids):
+        path, has_upload = folder.path("records", sequence_id), sequence_id in scan["uploads"]
+        record, error = records.get(sequence_id), damaged.get(path)
+        is_newer = error is not None and not isinstance(error, NotFoundError | CorruptFileError)
+        if is_newer or (record is not None and record.has_upload == has_upload):
+            continue
+        upload = folder.path("uploads", sequence_id)
+        try:
+            # The index may know what the file does not.
+            record = record or index.find(sequence_id) or _upload(upload, sequence_id)
+        except StoreError as unknown:
+            damaged[path if path.exists() else upload] = unknown
+            continue
+        records[sequence_id] = replace(record, has_upload=has_upload)
+        write_atomic(path, record_to_json(records[sequence_id]))
+        restored.append(folder.short(path))
+        damaged.pop(path, None)
     known_models = {record.reference: record for record in index.models()}
-    models = []
-    for reference in sorted(scan.models | scan.deleted_models):
-        is_deleted = reference in scan.deleted_models
-        path = folder.deleted_model(reference) if is_deleted else folder.model(reference)
-        record = read(path, partial(deleted_record if is_deleted else _model, path, reference))
-        if record is None and is_deleted:
-            # The number is taken all the same; what the model was, the index may know.
-            record = known_models.get(reference)
-            record = None if record is None or record.deleted is None else record
-        models += [] if record is None else [record]
+    models: dict[ModelReference, ModelRecord] = read["models"] | read["deleted_models"]
+    for reference in scan["deleted_models"] - models.keys():
+        # The number is taken all the same; what the model was, the index may know.
+        gone = known_models.get(reference)
+        if gone is not None and gone.deleted is not None:
+            models[reference] = gone
+    rows = {name: row for name, row in read["results"].items() if name.sequence_id in records}
     with index.database.write(erases=True) as connection:
         connection.execute("DELETE FROM sequences")
         # A damaged index may have miscounted its rows.
         connection.execute("UPDATE counts SET number = 0")
         # As they came: a page of a list then reads neighbours.
         put_records(connection, sorted(records.values(), key=lambda one: (one.created, one.id)))
-        put_results(connection, rows)
+        put_results(connection, rows.items())
         connection.execute("DELETE FROM models")
-        put_models(connection, models)
+        put_models(connection, models.values())
+    strays = [folder.path("results", one) for one in results if one.sequence_id not in records]
     return Reconciliation(
         n_sequences=len(records),
         n_results=len(rows),
-        n_deletions=len(scan.deletions),
-        n_temporaries=len(scan.temporaries),
+        n_deletions=len(scan["deletions"]),
+        n_temporaries=len(scan["temporaries"]),
         restored=tuple(restored),
-        damaged=tuple(damaged),
-        orphans=tuple(sorted(orphans)),
-        n_models=sum(record.deleted is None for record in models),
+        damaged=tuple(sorted(map(folder.short, damaged))),
+        orphans=tuple(sorted(map(folder.short, [*scan["foreign"], *strays]))),
+        n_models=sum(record.deleted is None for record in models.values()),
     )
 
 
@@ -493,53 +493,28 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
     A copy of older files that was laid over the folder brings them; what was put after the
     deletion is newer than its tombstone.
     """
-    for sequence_id in scan.records - scan.deletions:
+    for sequence_id in scan["records"] - scan["deletions"]:
         with contextlib.suppress(StoreError):
             time = buried(folder.root, sequence_id)
-            if time is not None and read_record(folder.record(sequence_id)).created <= time:
+            path = folder.path("records", sequence_id)
+            if time is not None and read_record(path).created <= time:
                 yield sequence_id
-    by_time: list[tuple[set[Any], Any, str, tuple[Path, ...]]] = [
-        *((scan.templates, one, one, (folder.template(one),)) for one in scan.templates),
-        *((scan.norms, one, digest_of_norm(one), (folder.norm(one),)) for one in scan.norms),
+    signatures = [name for name in scan["results"] if name.kind == "signature"]
+    things = [
+        *(("templates", one, one) for one in scan["templates"]),
+        *(("norms", one, digest_of_norm(one)) for one in scan["norms"]),
+        *(("results", one, folder.path("results", one).stem) for one in signatures),
+        *(("images", one, one) for one in scan["images"] | scan["image_records"]),
     ]
-    for name in scan.results:
-        if name.kind == "signature":
-            path = folder.result(name)
-            by_time.append((scan.results, name, path.stem, (path, path.with_suffix(RENDERED))))
-    for images_id in scan.images | scan.image_records:
-        files = (folder.images_record(images_id), folder.images(images_id))
-        by_time.append((scan.images, images_id, images_id, files))
-    for names, thing, digest, paths in by_time:
-        time = buried(folder.root, digest)
+    for place, name, digest in things:
+        time, path = buried(folder.root, digest), folder.path(place, name)
         # Of a signature its file decides, for what was rendered of the old one may lie beside it.
-        judged = paths if names is scan.images else paths[:1]
+        beside, is_image = path.with_suffix(RENDERED), place == "images"
         is_back = time is not None and any(
-            path.exists() and is_older(path.stat().st_mtime, time) for path in judged
+            one.exists() and is_older(one.stat().st_mtime, time)
+            for one in ((path, beside) if is_image else (path,))
         )
         # Samples without a record: putting them was cut short, and never confirmed.
-        if is_back or (names is scan.images and thing not in scan.image_records):
-            remove_durably(*paths)
-            names.discard(thing)
-
-
-def _mended(
-    folder: Folder, index: Index, scan: Scan, sequence_id: str
-) -> tuple[SequenceRecord, bool]:
-    """Record of a sequence, and whether it had to be written anew."""
-    path, has_upload = folder.record(sequence_id), sequence_id in scan.uploads
-    record: SequenceRecord | None = None
-    with contextlib.suppress(NotFoundError, CorruptFileError):
-        record = read_record(path)
-    if record is not None and record.id == sequence_id and record.has_upload == has_upload:
-        return record, False
-    if record is None or record.id != sequence_id:
-        # The index may know what the file does not.
-        record = index.find(sequence_id)
-    if record is None:
-        # Vertices know neither subject nor label, and the file only when it was written.
-        upload = folder.upload(sequence_id)
-        created = to_text(upload.stat().st_mtime) if has_upload else ""
-        record = record_of(_upload(upload, sequence_id), created=created, has_upload=True)
-    record = replace(record, has_upload=has_upload)
-    write_atomic(path, record_to_json(record))
-    return record, True
+        if is_back or (is_image and name not in scan["image_records"]):
+            remove_durably(path, beside)
+            scan[place].discard(name)

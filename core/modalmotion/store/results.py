@@ -122,7 +122,7 @@ class TrackStore(SequenceStore):
 
     def _track_file(self, track_id: str) -> Path:
         self.track_record(track_id)
-        return self._folder.result(track_name(track_id))
+        return self._folder.path("results", track_name(track_id))
 
 
 def track_image(track: Track) -> bytes:
@@ -357,7 +357,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
                 f"{str(name.model_id)[:12]!r} cannot be kept: these are not digests.",
                 remedy="Use the key of the signature's parameters and the model's sha256.",
             )
-        index, path = self._open_index(), self._folder.result(name)
+        index, path = self._open_index(), self._folder.path("results", name)
         with self._changing(name.sequence_id):
             self.sequence_record(name.sequence_id)
             if index.digest(name) is None or not is_sound(path):
@@ -371,7 +371,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
                 f"Sequence {record.id[:12]} has no {name.kind} of that name.",
                 remedy=f"Ask for one that is listed, or make the {name.kind} first.",
             )
-        return self._folder.result(name)
+        return self._folder.path("results", name)
 
     def _results(self, sequence_id: str, kind: ResultKind) -> list[ResultName]:
         self.sequence_record(sequence_id)

@@ -134,7 +134,7 @@ class SequenceStore(SequenceRecords):
                 return known, False
             # The record first: vertices alone would come back from a crash without a subject.
             if record != known:
-                files.insert(0, (self._folder.record(record.id), record_to_json(record)))
+                files.insert(0, (self._folder.path("records", record.id), record_to_json(record)))
             self._write(files, lambda: index.change([record], digests))
             return record, is_new
 
@@ -147,13 +147,13 @@ class SequenceStore(SequenceRecords):
         is_known: bool,
     ) -> tuple[list[tuple[Path, bytes]], dict[ResultName, str]]:
         """Make the files that are missing or damaged; gives the digests of the results too."""
-        index, upload = self._open_index(), self._folder.upload(sequence_id)
+        index, upload = self._open_index(), self._folder.path("uploads", sequence_id)
         made = {
             name: make()
             for name, make in results.items()
-            if index.digest(name) is None or not is_sound(self._folder.result(name))
+            if index.digest(name) is None or not is_sound(self._folder.path("results", name))
         }
-        files = [(self._folder.result(name), data) for name, data in made.items()]
+        files = [(self._folder.path("results", name), data) for name, data in made.items()]
         if self.keep_uploads and not (is_known and is_sound(upload)):
             files.insert(0, (upload, image()))
         return files, {name: digest_of(data) for name, data in made.items()}
@@ -218,7 +218,7 @@ class SequenceStore(SequenceRecords):
                 created=created,
                 facts=wanted.facts,
             )
-            files.insert(0, (folder.record(record.id), record_to_json(record)))
+            files.insert(0, (folder.path("records", record.id), record_to_json(record)))
             if known is not None:
                 self._write(files, lambda: index.change([record], digests))
                 begin_deletion(folder, sequence_id)
@@ -240,7 +240,7 @@ class SequenceStore(SequenceRecords):
     ) -> None:
         """Write a new sequence and mark another as deleted, in one step."""
         index, folder = self._open_index(), self._folder
-        mark, of_old = folder.deletion(record.id), folder.deletion(old_id)
+        mark, of_old = folder.path("deletions", record.id), folder.path("deletions", old_id)
         self._make_shards(mark.parent)
         # The new one is marked as deleted until it is whole. Then its mark becomes the old one's,
         # by one rename: whoever opens the store after a crash finds one of the two marked.
@@ -279,7 +279,7 @@ class SequenceStore(SequenceRecords):
                 f"The vertices of sequence {sequence_id[:12]} were not kept.",
                 remedy="Send the sequence again, to a store that keeps uploads.",
             )
-        return self._folder.upload(sequence_id)
+        return self._folder.path("uploads", sequence_id)
 
     def sequence(self, sequence_id: str) -> MeshSequence:
         """Sequence with its vertices and its facts.

@@ -34,7 +34,7 @@ from modalmotion.tracking.iterations import first_guess, paths_from
 from modalmotion.tracking.landmarks import Proposed, with_landmarks
 from modalmotion.tracking.moving_base import HELD, base_by_volume, ends_of_cup
 from modalmotion.tracking.observation import Frame, Observation, ends_in
-from modalmotion.tracking.result import CONVENTIONS, ImageAnswer, Papillary, Track
+from modalmotion.tracking.result import ImageAnswer, Papillary, Track
 from modalmotion.tracking.trabecular_correction import has_trabeculae, with_trabeculae
 
 Floats = NDArray[np.float64]
@@ -92,7 +92,6 @@ class ImageFrames:
     start : MeshSequence
         The reference frame's shape.
     facets : Facets
-    papillary : {"pool", "wall"}
     imaging : Imaging
     found : (frames,) float64
         Share of the profiles with an edge.
@@ -110,7 +109,6 @@ class ImageFrames:
     frames: tuple[Frame, ...]
     start: MeshSequence
     facets: Facets
-    papillary: Papillary
     imaging: Imaging
     found: Floats
     notes: tuple[str, ...]
@@ -124,7 +122,6 @@ def frames_of_images(
     images: ImageSequence,
     landmarks: Mapping[str, Any] | None,
     *,
-    papillary: Papillary,
     start: MeshSequence | Template | None,
     modes: int,
     reference: int,
@@ -137,7 +134,6 @@ def frames_of_images(
     ----------
     images : ImageSequence
     landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, mm
-    papillary : {"pool", "wall"}
     start : MeshSequence or Template, optional
     modes : int
     reference : int
@@ -151,11 +147,6 @@ def frames_of_images(
     InputError
         Where nothing can be found in the reference frame.
     """
-    if papillary not in CONVENTIONS:
-        raise ParameterError(
-            f"The convention about papillary muscles is {papillary!r:.40}.",
-            remedy="Use pool, where they are cavity, or wall, where they are not.",
-        )
     images = images.sliced()
     stated_sd = _STATED * images.finest
     empty: tuple[Frame, ...] = ((),) * images.n_frames
@@ -233,7 +224,6 @@ def frames_of_images(
         tuple(frames),
         shape,
         facets,
-        papillary,
         imaging,
         shares,
         _notes(shares, images, begin.found),
@@ -327,7 +317,9 @@ _SHARES: Final = (np.arange(20) + 0.5) / 20.0
 _SHELL: Final = 1.4
 
 
-def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Track:
+def with_images(
+    track: Track, images: ImageSequence, found: ImageFrames, papillary: Papillary
+) -> Track:
     """Add to a track of edges what its images were like.
 
     Parameters
@@ -336,6 +328,7 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
         Of the observations in `found`.
     images : ImageSequence
     found : ImageFrames
+    papillary : {"pool", "wall"}
 
     Returns
     -------
@@ -358,7 +351,7 @@ def with_images(track: Track, images: ImageSequence, found: ImageFrames) -> Trac
         localisation = float(np.hypot(_OF_VOXEL * voxel, _OF_NOISE * track.noise.sd))
     volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
     answer = ImageAnswer(
-        found.papillary,
+        papillary,
         papillary_volume(images.frames, shapes, volumes, found.facets, imaging),
         imaging.levels.inside,
         imaging.levels.outside,

@@ -107,8 +107,8 @@ def notes_on_landmarks(
     """
     notes = []
     for name, value in landmarks.items():
-        stated = np.asarray(value, dtype=np.float64)
         # What is no place is refused where landmarks join the frames.
+        stated = np.asarray(None if isinstance(value, Proposed) else value, dtype=np.float64)
         if stated.ndim not in (1, 2) or stated.shape[-1] != 3:
             continue
         places = {reference: stated} if stated.ndim == 1 else dict(enumerate(stated))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ParameterError, ShapeError
-from modalmotion.mesh import Facts
+from modalmotion.mesh import UNKNOWN, Facts
 from modalmotion.mesh.fact_forms import read_object
 from modalmotion.mesh.facts import WORDS
 from modalmotion.representation import counted, shown
@@ -176,7 +176,7 @@ class LandmarkFile:
                 f"The landmarks are in {self.unit}, the points in {unit}.",
                 remedy="State both in one unit.",
             )
-        if self.coordinates in (None, coordinates or LPS):
+        if self.coordinates in (None, LPS if coordinates in (None, UNKNOWN) else coordinates):
             return self.places
         return {name: places * _TURNED for name, places in self.places.items()}
 
@@ -269,6 +269,24 @@ def _malformed(reason: str) -> MalformedFileError:
     return MalformedFileError(f"It is not a file of landmarks ({reason}).", remedy=_FILE_REMEDY)
 
 
+def as_places(name: str, value: Any) -> NDArray[np.float64]:
+    """Take the place of a landmark, or its places, as an array of any shape.
+
+    Raises
+    ------
+    ParameterError
+        If they are not numbers.
+    """
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ParameterError(
+            f"The landmark '{name}' is {repr(value)[:80]}, not numbers.",
+            remedy="Give one place (x, y, z), or one for each frame with NaN if it is unknown.",
+            details={"landmark": name},
+        ) from None
+
+
 def with_landmarks(
     frames: tuple[Frame, ...],
     landmarks: Mapping[str, Any] | None,
@@ -286,7 +304,7 @@ def with_landmarks(
     for name, value in (landmarks or {}).items():
         proposed = value if isinstance(value, Proposed) else None
         own_sd = sd if proposed is None else proposed.sd
-        places = np.asarray(value if proposed is None else proposed.places, dtype=np.float64)
+        places = as_places(name, value if proposed is None else proposed.places)
         if name not in NAMED_PLACES:
             raise ParameterError(
                 f"The landmark '{name}' has no meaning.",

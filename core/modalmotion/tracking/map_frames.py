@@ -23,9 +23,12 @@ from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame
 
-# Harmonic from which on motion is held down; that under which amplitudes are the most likely gives
-# the same surfaces.
-_HARMONIC: Final = 2.0
+# Harmonics from which on motion is held down: that of a few frames, from which on others are tried,
+# the least of these, and how many.
+_USUAL: Final = 2.0
+_FEW: Final = 4
+_STIFFEST: Final = 0.25
+_N_TRIED: Final = 24
 
 
 def chain_precision(
@@ -173,8 +176,9 @@ def chain_of(
 ) -> Chain:
     """Find the chain of frames, and the prior along it.
 
-    Frames differ from the reference by their motion. What the shape is off, unless it is exact, the
-    reference shows, and all frames have it.
+    Frames differ from the reference by their motion, which is held down from the harmonic on under
+    which it is the most likely. What the shape is off, unless it is exact, the reference shows, and
+    all frames have it.
     """
     sds = np.sqrt(prior.variances(surface.wavenumbers))[:, None]
     seen = [k for k, own in enumerate(here.frames) if own is not None]
@@ -191,20 +195,24 @@ def chain_of(
         seen = sorted({*seen, reference})
         scaled = rest[seen]
     row = seen.index(reference) if reference in seen else 0
-    free, variance = np.delete(np.arange(len(seen)), row), 1.0
-    if len(free) and total > 0:
-        own = chain_precision(phases[seen], _HARMONIC, row, is_closed=is_closed)[np.ix_(free, free)]
-        x = scaled[free] - scaled[row]
-        # By which the others differ from it, instead of 1.
-        variance = float((shares * (x * (own @ x)).sum(axis=0)).sum()) / total / len(free)
+    free, variance, harmonic, least = np.delete(np.arange(len(seen)), row), 1.0, _USUAL, np.inf
+    tried = np.geomspace(_STIFFEST, len(seen) / 4.0, _N_TRIED).tolist()
+    x = scaled[free] - scaled[row]
+    for h0 in (tried if len(seen) >= _FEW else [_USUAL]) if len(free) and total > 0 else []:
+        own = chain_precision(phases[seen], h0, row, is_closed=is_closed)[np.ix_(free, free)]
+        # Variance by which the others differ from it, instead of 1; -2 log of the likelihood.
+        energy = float((shares * (x * (own @ x)).sum(axis=0)).sum()) / total / len(free)
+        unlikely = len(free) * np.log(max(energy, 1e-300)) - np.linalg.slogdet(own)[1]
+        if unlikely < least:
+            harmonic, variance, least = h0, energy, unlikely
     if not is_exact and reference in seen and len(seen) > 1 and total > 0:
         offset = float((shares * scaled[row] ** 2).sum()) / total / max(variance, 1e-300)
-    wide, least = float(np.sqrt(variance)), LEAST * surface.size
+    wide, narrowest = float(np.sqrt(variance)), LEAST * surface.size
     # Where nothing moves at all a variance of zero would have no inverse.
-    scale, drift = max(prior.scale * wide, least), max(prior.drift * wide, least)
+    scale, drift = max(prior.scale * wide, narrowest), max(prior.drift * wide, narrowest)
     along = replace(prior, scale=scale, drift=drift)
     offset = max(offset, _LEAST_OFFSET)
-    return Chain(chain_precision(phases, _HARMONIC, reference, offset, is_closed=is_closed), along)
+    return Chain(chain_precision(phases, harmonic, reference, offset, is_closed=is_closed), along)
 
 
 class FramesEstimate(NamedTuple):

@@ -34,6 +34,7 @@ from modalmotion.formats.volumes import read_images
 from modalmotion.formats.volumes.reading import holds_images
 from modalmotion.images import ImageSequence
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.mesh import UNKNOWN
 from modalmotion.progress import Progress
 from modalmotion.representation import shown
 from modalmotion.tracking.landmarks import (
@@ -56,9 +57,6 @@ _APEX: Final = "APEX_POINT"
 
 # The surface whose rim the valves are at; of others they are near the middle of the opening.
 _WITH_VALVES: Final = "LV_ENDOCARDIAL"
-
-USUAL_CONTOURS: Final = ("LV_ENDOCARDIAL",)
-"""Parts of the names of typed contours that are read by default."""
 
 _NOWHERE: Final = np.full(3, np.nan)
 _SYSTEM: Final = "coordinate_system"
@@ -83,7 +81,8 @@ class Recorded:
 
     Parameters
     ----------
-    frames : tuple of tuple of Observation
+    frames : sequence
+        As `observed_frames` takes it.
     landmarks : mapping of "apex" and "base" to (frames, 3) float64
         NaN if a frame states none.
     times : (frames,) float64, s, or None
@@ -93,15 +92,18 @@ class Recorded:
         As the files of the points state it; landmarks are in the same.
     images : ImageSequence or None
         In place of frames of points.
+    are_typed : bool
+        Whether points are contours with names, of which some were read.
     """
 
-    frames: tuple[tuple[Observation, ...], ...]
+    frames: Sequence[Any]
     landmarks: Mapping[str, NDArray[np.float64]]
     times: NDArray[np.float64] | None = None
     unit: str | None = None
     notes: tuple[str, ...] = ()
     coordinates: str | None = None
     images: ImageSequence | None = None
+    are_typed: bool = False
 
     @property
     def n_frames(self) -> int:
@@ -112,8 +114,8 @@ class Recorded:
 def read_observed(
     source: bytes | Path,
     *,
-    contours: Sequence[str] = USUAL_CONTOURS,
-    coordinates: str | None = None,
+    labels: Sequence[str | int] = (),
+    coordinates: str = UNKNOWN,
     progress: Progress | None = None,
     limits: ReadLimits | None = None,
     parser: Parser | None = None,
@@ -127,8 +129,9 @@ def read_observed(
         their names. An npz has `points` (n, 3) and `offsets` (frames + 1,), the first row of each
         frame and the end; or `points` (frames, n, 3), in which rows of NaN are left out; and
         maybe `times` and `unit`. VTKHDF has points in each step.
-    contours : sequence of str
-        Of files of typed contours (biv-me's GPFile): parts of the names of the types to read.
+    labels : sequence of str, optional
+        Of files of typed contours (biv-me's GPFile): parts of the names of the types to read, by
+        default LV_ENDOCARDIAL.
     coordinates : {"LPS", "RAS"}, optional
         Of the points, where no file states it: files of landmarks are turned to it.
     progress : callable, optional
@@ -145,13 +148,13 @@ def read_observed(
     if parser is None:
         with ParserProcess(DEFAULT_LIMITS if limits is None else limits) as own:
             return read_observed(
-                source, contours=contours, coordinates=coordinates, progress=progress, parser=own
+                source, labels=labels, coordinates=coordinates, progress=progress, parser=own
             )
     if holds_images(source):
         return recorded_images(read_images(source, parser=parser, progress=progress))
     if isinstance(source, Path) and source.is_dir():
         files = {path.name: path.read_bytes for path in source.iterdir() if path.is_file()}
-        return _of_files(files, contours, coordinates, parser, progress)
+        return _of_files(files, labels, coordinates, parser, progress)
     try:
         data = source if isinstance(source, bytes) else source.read_bytes()
     except OSError as error:
@@ -161,7 +164,7 @@ def read_observed(
     kind = detect_format(data) if data else None
     if kind is Format.ZIP:
         with opened(data, parser) as archive:
-            return _of_files(archive.files, contours, coordinates, archive, progress)
+            return _of_files(archive.files, labels, coordinates, archive, progress)
     if kind is Format.NPZ:
         return _of_npz(data, parser.limits)
     if kind is Format.HDF5:
@@ -196,8 +199,8 @@ def recorded_images(images: ImageSequence) -> Recorded:
 
 def _of_files(
     files: Mapping[str, Callable[[], bytes]],
-    contours: Sequence[str],
-    coordinates: str | None,
+    labels: Sequence[str | int],
+    coordinates: str,
     parser: Parser,
     progress: Progress | None,
 ) -> Recorded:
@@ -207,7 +210,7 @@ def _of_files(
     frames: list[_FrameFile] = []
     for k, name in enumerate(names):
         with _named(k, name):
-            frames.append(_frame(name, files[name](), contours, parser))
+            frames.append(_frame(name, files[name](), labels, parser))
             system, first = frames[k].states.get(_SYSTEM), frames[0].states.get(_SYSTEM)
             if system != first:
                 raise ShapeError(
@@ -240,7 +243,9 @@ def _of_files(
             landmarks[mark] = rows
         notes += file.notes
     at = None if times is None else np.array(times, dtype=np.float64)
-    return Recorded(tuple(f.observed for f in frames), landmarks, at, unit, notes, system)
+    observed = tuple(frame.observed for frame in frames)
+    are_typed = Path(names[0]).name.startswith(_GUIDE_POINTS)
+    return Recorded(observed, landmarks, at, unit, notes, system, are_typed=are_typed)
 
 
 def _listed(
@@ -290,9 +295,9 @@ class _FrameFile(NamedTuple):
     states: Mapping[str, str] = {}
 
 
-def _frame(name: str, data: bytes, contours: Sequence[str], parser: Parser) -> _FrameFile:
+def _frame(name: str, data: bytes, labels: Sequence[str | int], parser: Parser) -> _FrameFile:
     if Path(name).name.startswith(_GUIDE_POINTS):
-        return _guide_points(data, contours)
+        return _guide_points(data, tuple(map(str, labels)) or (_WITH_VALVES,))
     if not name.lower().endswith(CLOUD_SUFFIXES):
         return _of_mesh(data, parser)
     points = _cloud(data)

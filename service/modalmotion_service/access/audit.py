@@ -13,10 +13,7 @@ import json
 import os
 import secrets
 import socket
-import sqlite3
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import count, starmap
@@ -25,8 +22,9 @@ from typing import Any, Final, Self
 from urllib.parse import urlsplit
 
 from modalmotion.errors import StoreError
+from modalmotion.store.database import Database
 from modalmotion.store.index import now, to_text
-from modalmotion_service.access.keys import Key, KeyRing, explained, open_database
+from modalmotion_service.access.keys import Key, KeyRing, open_database
 
 BEGUN: Final = 102
 """Status of an entry that is written before something is changed; another one follows it."""
@@ -229,7 +227,7 @@ class AuditLog:
         self._lock = threading.Lock()
         self._pending: list[tuple[Event, asyncio.Future[None]]] = []
         self._writing: asyncio.Task[None] | None = None
-        self._file: sqlite3.Connection | None = None
+        self._file: Database | None = None
         self._name, self._numbers = secrets.token_hex(8), count(1)
         if data_dir is not None:
             self._name, self._file = "table", open_database(data_dir / AUDIT, _TABLES, _VERSION)
@@ -291,28 +289,23 @@ class AuditLog:
             If they cannot be written: then none of them is; or not handed on.
         """
         with self._lock:
+            times = [now() for _ in events]
             if self._file is None:
-                entries = [_entry(one, now(), next(self._numbers)) for one in events]
+                numbers = [next(self._numbers) for _ in events]
             else:
-                entries = self._stored(self._file, events)
+                with self._file.write() as table:
+                    rows = [(*astuple(one), time) for one, time in zip(events, times, strict=True)]
+                    numbers = [table.execute(_INSERT, row).lastrowid or 0 for row in rows]
+            entries = map(_entry, events, times, numbers)
             if self._lines is not None:
                 for entry in entries:
                     self._lines.write(entry, self._name)
 
-    def _stored(self, file: sqlite3.Connection, events: list[Event]) -> list[AuditEntry]:
-        entries = []
-        with _transaction(file):
-            for event in events:
-                time = now()
-                made = file.execute(_INSERT, (*astuple(event), time))
-                entries.append(_entry(event, time, made.lastrowid or 0))
-        return entries
-
     def forget_before(self, days: float) -> None:
         """Remove entries that are older; numbers go on."""
         past = to_text((datetime.now(UTC) - timedelta(days=days)).timestamp())
-        with self._lock, _transaction(self._table):
-            self._table.execute("DELETE FROM audit WHERE time < ?", (past,))
+        with self._table.write() as table:
+            table.execute("DELETE FROM audit WHERE time < ?", (past,))
 
     def page(
         self, *, limit: int, before: int | None = None, owner: str | None = None
@@ -327,20 +320,19 @@ class AuditLog:
         owner : str, optional
             Only those of this owner.
         """
-        with self._lock, explained(AUDIT):
-            rows = self._table.execute(
-                "SELECT * FROM audit WHERE number < ? AND (? IS NULL OR owner = ?) "
-                "ORDER BY number DESC LIMIT ?",
-                (before if before is not None else 1 << 62, owner, owner, limit),
-            ).fetchall()
+        rows = self._table.read(
+            "SELECT * FROM audit WHERE number < ? AND (? IS NULL OR owner = ?) "
+            "ORDER BY number DESC LIMIT ?",
+            (before if before is not None else 1 << 62, owner, owner, limit),
+        )
         return [*starmap(AuditEntry, rows)]
 
     def unfinished(self) -> list[AuditEntry]:
         """List the changes that were begun and have no end: under way, or cut off by a crash."""
         begun: dict[tuple[str | None, ...], list[AuditEntry]] = {}
-        with self._lock, explained(AUDIT):
-            for row in self._table.execute("SELECT * FROM audit ORDER BY number"):
-                one = AuditEntry(*row)
+        last, some = 0, "SELECT * FROM audit WHERE number > ? ORDER BY number LIMIT 10000"
+        while rows := self._table.read(some, (last,)):
+            for one in starmap(AuditEntry, rows):
                 # A client may give one request id to several requests.
                 same = begun.setdefault((one.request_id, one.key_id, one.method, one.route), [])
                 if one.status == BEGUN:
@@ -349,32 +341,17 @@ class AuditLog:
                     same.pop(0)
                 if not same:
                     del begun[one.request_id, one.key_id, one.method, one.route]
+                last = one.number
         return sorted((one for same in begun.values() for one in same), key=lambda one: one.number)
 
     @property
-    def _table(self) -> sqlite3.Connection:
+    def _table(self) -> Database:
         assert self._file is not None  # noqa: S101 (lines alone have no reader)
         return self._file
 
 
 def _entry(event: Event, time: str, number: int) -> AuditEntry:
     return AuditEntry(**vars(event), time=time, number=number)
-
-
-@contextmanager
-def _transaction(file: sqlite3.Connection) -> Iterator[None]:
-    with explained(AUDIT):
-        # One that a failing disk did not let us roll back would keep out all others.
-        if file.in_transaction:
-            file.execute("ROLLBACK")
-        file.execute("BEGIN IMMEDIATE")
-        try:
-            yield
-            file.execute("COMMIT")
-        except BaseException:
-            with contextlib.suppress(sqlite3.Error):
-                file.execute("ROLLBACK")
-            raise
 
 
 def note_key(made: tuple[Key, str], ring: KeyRing, log: AuditLog) -> tuple[Key, str]:

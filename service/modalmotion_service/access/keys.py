@@ -9,40 +9,26 @@ import os
 import re
 import secrets
 import sqlite3
-import threading
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Collection, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final, Self
 
-from modalmotion.errors import CorruptFileError, NotFoundError, ParameterError, StoreError
-from modalmotion.store.disk import sync_paths
+from modalmotion.errors import NotFoundError, ParameterError
+from modalmotion.store.database import Database, explained
+from modalmotion.store.disk import cannot_write, sync_paths
 from modalmotion.store.index import now, to_text
 from modalmotion_service.access.scopes import Principal, Scope, require_owner
 from modalmotion_service.errors import AuthenticationError
 
+_RESTORE: Final = "Restore it from a backup."
 
-def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Connection:
-    """Open a SQLite file that only its owner may read, made with its tables where it is missing.
 
-    Parameters
-    ----------
-    path : Path
-    tables : sequence of str
-        Statements that make them.
-    version : int
-        Of the tables.
-
-    Raises
-    ------
-    CorruptFileError
-        If it is damaged.
-    StoreError
-        If it was written by another version, or cannot be opened.
-    """
-    with explained(path.name):
+def open_database(path: Path, tables: Sequence[str], version: int) -> Database:
+    """Open a SQLite file that only its owner may read; see `Database`."""
+    try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         # SQLite gives its log and its shared memory the rights of the file itself.
         is_new = not path.exists()
@@ -53,48 +39,9 @@ def open_database(path: Path, tables: Sequence[str], version: int) -> sqlite3.Co
         with suppress(PermissionError):
             path.parent.chmod(0o700)
             path.chmod(0o600)
-        connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
-        try:
-            _prepare(connection, path.name, tables, version)
-        except BaseException:
-            connection.close()
-            raise
-    return connection
-
-
-def _prepare(
-    connection: sqlite3.Connection, name: str, tables: Sequence[str], version: int
-) -> None:
-    connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute("PRAGMA synchronous = FULL")
-    connection.execute("BEGIN IMMEDIATE")
-    (current,) = connection.execute("PRAGMA user_version").fetchone()
-    if current == 0:
-        for statement in tables:
-            connection.execute(statement)
-        connection.execute(f"PRAGMA user_version = {version}")
-    connection.execute("COMMIT")
-    if current not in (0, version):
-        raise StoreError(
-            f"{name} has version {current} of its tables; this program knows {version}.",
-            remedy="Use the modalmotion that wrote it, or a newer one.",
-        )
-
-
-@contextmanager
-def explained(name: str) -> Iterator[None]:
-    """Raise what SQLite and the system say of a file as an error of ours."""
-    try:
-        yield
-    except (OSError, sqlite3.OperationalError) as error:
-        raise StoreError(
-            f"{name} could not be read or written ({getattr(error, 'strerror', None) or error}).",
-            remedy="Check that the disk is not full and this user may write to it, and try again.",
-        ) from error
-    except sqlite3.DatabaseError as error:
-        raise CorruptFileError(
-            f"{name} is damaged ({error}).", remedy="Restore it from a backup."
-        ) from error
+    except OSError as error:
+        raise cannot_write(path, error) from error
+    return Database(path, tables, version, path.name, (_RESTORE, ", or a newer one."))
 
 
 KEYS: Final = "access/keys.sqlite"
@@ -199,13 +146,10 @@ class KeyRing(Authenticator):
     """
 
     def __init__(self, data_dir: Path) -> None:
-        self._path = data_dir / KEYS
-        self._lock = threading.Lock()
-        self._connection = open_database(self._path, _TABLES, _VERSION)
+        self._database = open_database(data_dir / KEYS, _TABLES, _VERSION)
 
     def __exit__(self, *_: object) -> None:
-        with self._lock:
-            self._connection.close()
+        self._database.close()
 
     def create(
         self,
@@ -272,19 +216,14 @@ class KeyRing(Authenticator):
 
     def all(self) -> list[Key]:
         """Every key that was ever made, oldest first."""
-        with self._lock, explained(self._path.name):
-            rows = self._connection.execute("SELECT * FROM keys ORDER BY created, id").fetchall()
-        return [_key(row) for row in rows]
+        return [*map(_key, self._database.read("SELECT * FROM keys ORDER BY created, id"))]
 
     def _row(self, key_id: str) -> tuple[Any, ...] | None:
-        with self._lock, explained(self._path.name):
-            rows = self._connection.execute("SELECT * FROM keys WHERE id = ?", (key_id,))
-            row: tuple[Any, ...] | None = rows.fetchone()
-            return row
+        return next(iter(self._database.read("SELECT * FROM keys WHERE id = ?", (key_id,))), None)
 
     def _write(self, statement: str, values: tuple[Any, ...]) -> None:
-        with self._lock, explained(self._path.name):
-            self._connection.execute(statement, values)
+        with self._database.write() as connection:
+            connection.execute(statement, values)
 
 
 def parts_of(token: str) -> tuple[str, str]:
@@ -351,11 +290,14 @@ class KeySnapshot(Authenticator):
 
     @staticmethod
     def _first(statement: str, path: Path, *values: str) -> tuple[Any, ...] | None:
-        with explained(path.name):
+        with explained(path.name, _RESTORE):
             log = path.with_name(f"{path.name}-wal")
             # Immutable, unless a service has it open whose newest rows are beside it: else SQLite
             # would make files there, to share it with writers.
-            is_live = log.exists() and log.stat().st_size > 0
+            try:
+                is_live = log.stat().st_size > 0
+            except OSError:
+                is_live = False
             how = "mode=ro" if is_live else "mode=ro&immutable=1"
             address = f"{path.absolute().as_uri()}?{how}"
             with closing(sqlite3.connect(address, uri=True)) as file:

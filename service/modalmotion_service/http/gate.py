@@ -124,14 +124,9 @@ class Gate:
             headers = await self._admit(connection, target)
         except ModalMotionError as error:
             refused = error
-        is_noted = not (
-            isinstance(refused, RateLimitedError)
-            or (target is None and refused is None)
-            or (
-                target is not None
-                and target.scope in (None, scopes.Scope.METRICS)
-                and refused is None
-            )
+        is_noted = not isinstance(refused, RateLimitedError) and (
+            refused is not None
+            or (target is not None and target.scope not in (None, scopes.Scope.METRICS))
         )
         started = withheld = False
 

@@ -6,7 +6,8 @@ import asyncio
 import contextlib
 import json
 from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
@@ -36,7 +37,7 @@ from modalmotion_service.workspace.operation import Case, Operation, Outcome, Re
 from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.training import find_cases
 
-_LOOK_SECONDS: Final = 0.05
+_LOOK_SECONDS: Final = 0.2
 _KEPT_HEADERS: Final = ("content-type", "location", "etag", "preference-applied")
 
 
@@ -93,7 +94,8 @@ class Asked:
         request: Request,
         *,
         file: SpoolFile | None = None,
-        tag: str | None = None,
+        tag: Sequence[str] | None = None,
+        key: str | None = None,
     ) -> Response:
         """Answer with what an operation makes, or 202 with a job that makes it.
 
@@ -102,18 +104,29 @@ class Asked:
         what : Operation
         request : Request
         file : SpoolFile, optional
-        tag : str, optional
-            Of the answer: 304 where the client has it already.
+        tag : sequence of str, optional
+            What the answer is made from beside the query: 304 where the client has it already.
+        key : str, optional
+            Idempotency key of the request.
         """
-        if tag is not None and (known := self.knows(tag)) is not None:
-            return known
+        if key is not None:
+            make = partial(self.do, what, request, file=file, tag=tag)
+            return await self.once(key, what, request, file, make)
+        kind = request.media_type or what.media_types[0]
+        if not request.media_type and len(what.media_types) > 1:
+            kind = self.media_type(*what.media_types)
+        request, headers = replace(request, media_type=kind), {}
+        if tag is not None:
+            headers["ETag"] = self.tagged(*tag, request.query.model_dump_json(), kind)
+            if (known := self.knows(headers["ETag"])) is not None:
+                return known
         self.note(getattr(request.query, "template", None))
         work = self.state.runner.perform(self.wait, what, request, file)
         done = await self.unless_left(work)
         if not isinstance(done, Outcome):
             return accepted(done)
         note_facts(self.http, done.filled)
-        headers = {**done.headers, **({} if tag is None else {"ETag": tag})}
+        headers = {**done.headers, **headers}
         if len(what.media_types) > 1:
             headers["Vary"] = "Accept"
         if isinstance(done.content, Path):
@@ -130,35 +143,16 @@ class Asked:
         ClientDisconnect
             If the client has left.
         """
-        done, gone = asyncio.ensure_future(work), None
+        done = asyncio.ensure_future(work)
         try:
-            # Most is done sooner, and nobody looks after its client.
-            await asyncio.wait([done], timeout=_LOOK_SECONDS)
-            if not done.done():
-                gone = asyncio.ensure_future(self._gone())
-                await asyncio.wait([done, gone], return_when=asyncio.FIRST_COMPLETED)
-                if not done.done():
+            while not (await asyncio.wait([done], timeout=_LOOK_SECONDS))[0]:
+                if await self.http.is_disconnected():
                     done.cancel()
                     await asyncio.wait([done])
-                    gone.result()
                     raise ClientDisconnect
             return done.result()
         finally:
-            for task in (done, gone):
-                if task is not None:
-                    task.cancel()
-
-    async def _gone(self) -> None:
-        while (await self.http.receive())["type"] != "http.disconnect":
-            pass
-
-    async def start(
-        self, what: Operation, request: Request, file: SpoolFile | None = None
-    ) -> Response:
-        """Answer 202 with a job."""
-        job = await self.state.runner.perform(0.0, what, request, file)
-        assert isinstance(job, Job)  # noqa: S101 (it was asked for)
-        return accepted(job)
+            done.cancel()
 
     async def once(
         self,
@@ -180,9 +174,8 @@ class Asked:
         if key is None:
             return await make()
         keys = self.state.idempotency
-        said = request.query.model_dump_json() + json.dumps(
-            None if file is None else facts_as_json(file.facts)
-        )
+        facts = facts_as_json(request.facts if file is None else file.facts)
+        said = request.query.model_dump_json() + json.dumps(facts)
         mark = media.tag_of(what.name, "" if file is None else file.sha256, said)
         known = await asyncio.to_thread(keys.claim, key, mark)
         if known is None:

@@ -49,7 +49,7 @@ async def train_model(
         with SpoolFile(state.spool.new_path()) as file:
             await asyncio.to_thread(write_cases, file, cases)
             request = Request(query=wanted.options, reference=name)
-            return await asked.start(operations.training, request, file)
+            return await asked.do(operations.training, request, file=file)
 
     said = Request(query=wanted)
     return await asked.once(idempotency_key, operations.training, said, None, make)
@@ -74,14 +74,15 @@ async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
     model = await asyncio.to_thread(models.choose, state, name)
     kind = asked.media_type(JSON, PNG, HDF5, CSV, MARKDOWN)
     content, versions = await asyncio.to_thread(models.describe, state, model)
-    tag = asked.tagged(model.id, str(model.version), repr(versions), kind)
-    # Subjects in a table may change.
-    if kind != CSV and (known := asked.knows(tag)) is not None:
-        return known
+    parts = (model.id, str(model.version), repr(versions))
     if kind in (PNG, CSV):
         what = operations.model_view if kind == PNG else operations.held_out
         request = Request(media_type=kind, reference=f"{model.name}@{model.version}")
-        return await asked.do(what, request, tag=tag if kind == PNG else None)
+        # Subjects in a table may change.
+        return await asked.do(what, request, tag=parts if kind == PNG else None)
+    tag = asked.tagged(*parts, kind)
+    if (known := asked.knows(tag)) is not None:
+        return known
     headers = {"ETag": tag, "Vary": "Accept"}
     if kind == HDF5:
         headers |= attachment(f"{model.name}-{model.version}.h5")
@@ -129,7 +130,7 @@ async def evaluate_model(
     on: a note says where it was. With `compare_with` the answer has differences of accuracy, AUC,
     log loss and Brier score, with intervals from paired resamples of the subjects.
     """
-    kind = asked.media_type(*((JSON,) if wanted.compare_with else (JSON, CSV, PNG)))
+    kind = JSON if wanted.compare_with else ""
     names = [one for one in (name, wanted.compare_with) if one is not None]
     chosen = [await asyncio.to_thread(models.choose, asked.state, one) for one in names]
     request = await asked.about(wanted, queries.EvaluationOptions, labelled_cases, media_type=kind)
@@ -164,7 +165,7 @@ async def make_norm(
     async def make() -> Response:
         name = require_model_name(wanted.name)
         await asyncio.to_thread(operations.require_free_norm, asked.state, name)
-        return await asked.start(operations.norm, await asked.about(wanted, queries.NormOptions))
+        return await asked.do(operations.norm, await asked.about(wanted, queries.NormOptions))
 
     said = Request(query=wanted)
     return await asked.once(idempotency_key, operations.norm, said, None, make)

@@ -38,11 +38,7 @@ async def upload_images(
     deleted once they are tracked, if they are not kept on purpose.
     """
     with sent.file as file:
-        return await asked.once(
-            idempotency_key,
-            *(operations.images, Request(), file),
-            lambda: asked.do(operations.images, Request(), file=file),
-        )
+        return await asked.do(operations.images, Request(), file=file, key=idempotency_key)
 
 
 @router.get("/images", tags=["images"])
@@ -70,7 +66,7 @@ async def describe_images(
         asked.store.track_record(query.track)
     ids = tuple(one for one in (images_id, query.track) if one is not None)
     asked.note(query.track)
-    return await asked.do(operations.slices, Request(query=query, media_type=VIEW, ids=ids))
+    return await asked.do(operations.slices, Request(query=query, ids=ids))
 
 
 @router.delete("/images/{images_id}", tags=["images"], status_code=204)
@@ -112,10 +108,7 @@ async def track_recording(
         ids = () if query.start is None else (query.start,)
         request = Request(query=query, ids=ids, facts=file.facts)
         what = operations.tracked_report if query.report else operations.track
-        begin = asked.start if query.report else asked.do
-        return await asked.once(
-            *(idempotency_key, what, request, file), lambda: begin(what, request, file=own)
-        )
+        return await asked.do(what, request, file=own, key=idempotency_key)
 
 
 @router.get("/tracks/{track_id}", tags=["tracks"], **answers(JSON, HDF5, PNG, VIEW, of=TrackAnswer))
@@ -126,16 +119,15 @@ async def show_track(
 
     Contours over the images (`picture=overlay`) need images that were kept.
     """
-    kind = asked.media_type(JSON, HDF5, PNG, VIEW)
+    kind = asked.media_type(*operations.track_view.media_types)
     record = asked.store.track_record(track_id)
     images_id = await asyncio.to_thread(asked.store.images_id_of_track, track_id)
     if kind == PNG and query.picture == "overlay":
         # They may be deleted while somebody has the picture still.
         await asyncio.to_thread(asked.store.images_of_track, track_id)
     own = record_to_json(record).decode()
-    tag = asked.tagged(kind, query.model_dump_json(), own, images_id or "")
     request = Request(query=query, media_type=kind, sequence_id=track_id)
-    return await asked.do(operations.track_view, request, tag=tag)
+    return await asked.do(operations.track_view, request, tag=(own, images_id or ""))
 
 
 def _require_no_body(file: SpoolFile) -> None:

@@ -42,11 +42,7 @@ async def upload_sequence(
     """
     with sent.file as file:
         request = Request(query=sent.query)
-        return await asked.once(
-            idempotency_key,
-            *(operations.upload, request, file),
-            lambda: asked.do(operations.upload, request, file=file),
-        )
+        return await asked.do(operations.upload, request, file=file, key=idempotency_key)
 
 
 @router.get("")
@@ -136,10 +132,7 @@ async def trade_sequence(
     """
     trade.parameters()
     asked.store.sequence_record(sequence_id)
-    kind = asked.media_type(*operations.tradeoff.media_types)
-    return await asked.do(
-        operations.tradeoff, Request(query=trade, media_type=kind, sequence_id=sequence_id)
-    )
+    return await asked.do(operations.tradeoff, Request(query=trade, sequence_id=sequence_id))
 
 
 @router.get("/{sequence_id}/encoded", **answers(STREAM))
@@ -148,8 +141,7 @@ async def encode_sequence(
 ) -> Response:
     """Give a sequence as a compressed stream; its size and errors are in the headers Encoded-..."""
     asked.store.sequence_path(sequence_id)
-    request = Request(query=query, media_type=STREAM, sequence_id=sequence_id)
-    return await asked.do(operations.encoding, request)
+    return await asked.do(operations.encoding, Request(query=query, sequence_id=sequence_id))
 
 
 def _summary(asked: AskedNow, summary: SequenceSummary) -> Response:
@@ -185,10 +177,9 @@ async def list_templates(
 @of_templates.get("/{template_id}", **answers(JSON, PNG, of=signatures.TemplateAnswer))
 async def describe_template(template_id: SequenceId, asked: AskedAny) -> Response:
     """Describe a template, or draw s and theta on its surface."""
-    kind = asked.media_type(JSON, PNG)
     asked.store.template_path(template_id)
-    request = Request(media_type=kind, reference=template_id)
-    return await asked.do(operations.template_view, request, tag=asked.tagged(template_id, kind))
+    request = Request(reference=template_id)
+    return await asked.do(operations.template_view, request, tag=(template_id,))
 
 
 @of_templates.get(
@@ -201,11 +192,9 @@ async def modes_of_template(
 
     Shapes come as npz or HDF5, or in JSON with `shapes=true`; a picture shows them in colour.
     """
-    kind = asked.media_type(JSON, NPZ, HDF5, PNG)
     asked.store.template_path(template_id)
-    request = Request(query=query, media_type=kind, reference=template_id)
-    tag = asked.tagged(template_id, query.model_dump_json(), kind)
-    return await asked.do(operations.template_modes, request, tag=tag)
+    request = Request(query=query, reference=template_id)
+    return await asked.do(operations.template_modes, request, tag=(template_id,))
 
 
 @of_templates.delete("/{template_id}", status_code=204)

@@ -70,10 +70,7 @@ async def make_signature(
     """
     asked.state.analysis.resolved(sequence_id, wanted.parameters())
     asked.note(wanted.parameters().template)
-    kind = asked.media_type(*SIGNATURE_TYPES)
-    return await asked.do(
-        operations.signature, Request(query=wanted, media_type=kind, sequence_id=sequence_id)
-    )
+    return await asked.do(operations.signature, Request(query=wanted, sequence_id=sequence_id))
 
 
 @router.get("/sequences/{sequence_id}/signatures")
@@ -108,8 +105,7 @@ async def show_signature(key: SignatureKey, asked: AskedAny) -> Response:
     As JSON, its HDF5 file, npz, a picture beside the surfaces, a table with a row for each frame,
     mode and direction, or the amplitudes alone as little-endian float32, by `Accept`.
     """
-    kind = asked.media_type(*SIGNATURE_TYPES)
-    return await _shown(asked, operations.signature_view, key, kind)
+    return await _shown(asked, operations.signature_view, key)
 
 
 @router.delete("/signatures/{key}", status_code=204)
@@ -294,7 +290,6 @@ async def pack_signatures(
     As a table (CSV) each sequence has a row: errors, volumes, ejection fraction, the RMS of each
     amplitude. Missing ones are fitted and stored on the way.
     """
-    kind = asked.media_type(*operations.signatures_query.media_types)
     most = asked.state.settings.max_query_ids
     if len(wanted.ids) > most:
         raise LimitError(
@@ -307,7 +302,7 @@ async def pack_signatures(
     wanted.parameters()
     for sequence_id in wanted.ids:
         asked.store.sequence_record(sequence_id)
-    request = Request(query=wanted, media_type=kind, ids=tuple(wanted.ids))
+    request = Request(query=wanted, ids=tuple(wanted.ids))
     return await asked.do(operations.signatures_query, request)
 
 
@@ -321,9 +316,7 @@ async def tabulate_features(
     They do not depend on pose, unit, start or sampling. Missing signatures are fitted and stored on
     the way, in modes that all the sequences share.
     """
-    kind = asked.media_type(JSON, CSV)
-    request = await asked.about(wanted, queries.FeatureOptions, media_type=kind)
-    return await asked.do(of_models.features, request)
+    return await asked.do(of_models.features, await asked.about(wanted, queries.FeatureOptions))
 
 
 def _sequence_of(asked: Asked, key: str) -> str:
@@ -340,14 +333,13 @@ async def _shown(
     asked: Asked,
     what: Operation,
     key: str,
-    media_type: str | None = None,
+    media_type: str = "",
     *,
     query: object = None,
     ids: tuple[str, ...] = (),
     also: str = "",
 ) -> Response:
     """Answer with what an operation makes of a signature; its tag is that of all that it reads."""
-    kind = media_type or asked.media_type(*what.media_types)
     sequence_id = _sequence_of(asked, key)
     facts = asked.store.sequence_record(sequence_id).facts
     own = named = key.partition("-")[2]
@@ -356,11 +348,10 @@ async def _shown(
         with contextlib.suppress(NotFoundError):
             # Where its file is lost it is fitted again, as if it were not stored.
             own = named if asked.store.signature_path(sequence_id, named).is_file() else ""
-    request = Request(media_type=kind, sequence_id=sequence_id, key=own or None, ids=ids)
+    request = Request(media_type=media_type, sequence_id=sequence_id, key=own or None, ids=ids)
     if query is not None:
         request = replace(request, query=query)
-    said = request.query.model_dump_json()
-    tag = asked.tagged(sequence_id, named, kind, said, json.dumps(facts_as_json(facts)), also)
+    tag = (sequence_id, named, json.dumps(facts_as_json(facts)), also)
     return await asked.do(what, request, tag=tag)
 
 

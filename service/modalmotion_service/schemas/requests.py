@@ -19,7 +19,7 @@ from modalmotion.signature.tradeoff import MOST_OF_FRONT
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
 from modalmotion.tracking.landmarks import landmarks_of, places_of
-from modalmotion.tracking.parameters import TrackParameters
+from modalmotion.tracking.parameters import TrackParameters, require_surface_tracking
 from modalmotion_service.schemas import from_core
 
 _FACTS: Final = from_core.descriptions(Facts)
@@ -276,22 +276,16 @@ class TrackRequest(Named):
                 "Both times and an interval between frames are stated.", remedy="Keep one."
             )
         times = self.frame_interval if self.times is None else self.times
+        require_surface_tracking(facts)
         own = {name: places_of(name, at) for name, at in (self.landmarks or {}).items()}
         landmarks = landmarks_of(facts) | own
-        return from_core.value_of(
-            self,
-            TrackParameters,
-            landmarks=landmarks,
-            times=times,
-            facts=replace(facts, landmarks={}),
-        )
+        return from_core.value_of(self, TrackParameters, landmarks=landmarks, times=times)
 
 
 TRACK: Final = from_core.model_of(
     TrackRequest,
     TrackParameters,
     **{name: how for name, how in _FACT_FIELDS.items() if name != "landmarks"},
-    facts=None,
     modes={"ge": 2, "le": 400},
     reference={"ge": 0},
 )

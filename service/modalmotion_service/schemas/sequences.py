@@ -139,7 +139,7 @@ class TrackEstimate(Answer):
         return read_from(
             TrackEstimate,
             track,
-            modes=[Label.of(label) for label in track.modes.labels],
+            modes=track.modes.labels,
             noise=track.noise.sd,
             residual_rms=_with_null(track.residuals[:, 0]),
             residual_p95=_with_null(track.residuals[:, 1]),

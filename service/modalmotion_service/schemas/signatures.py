@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Literal
 
 from pydantic_core import from_json
 
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import MESH
 from modalmotion.signature.choice import SceneError, SceneKind
 from modalmotion.signature.distance import Comparison
@@ -92,12 +90,6 @@ class Label(Answer):
     wavenumbers: list[int]
     """One for each natural coordinate; for spring modes of one mesh their rank."""
     part: Literal["cos", "sin", "spring"]
-
-    @staticmethod
-    @lru_cache(maxsize=1024)
-    def of(label: ModeLabel) -> Label:
-        """Write a label out; answers share what they repeat."""
-        return Label(wavenumbers=list(label.wavenumbers), part=label.part)
 
 
 class SignatureSummary(Answer):
@@ -211,7 +203,7 @@ class SignatureAnswer(Answer):
             key=key,
             file=file,
             topology=signature.surface,
-            modes=[Label.of(label) for label in signature.modes.labels],
+            modes=signature.modes.labels,
             shape=signature.amplitudes.shape,
             components=parameters.components,
             rotations=signature.rotations.matrices,
@@ -290,6 +282,6 @@ class ModesAnswer(Answer):
             modes,
             template_id=template.id,
             topology=modes.surface,
-            modes=[Label.of(label) for label in modes.labels],
+            modes=modes.labels,
             shapes=modes.shapes.tolist() if with_shapes else None,
         )

@@ -133,7 +133,7 @@ def _files(value: Any) -> Iterator[Path | Upload]:
     elif isinstance(value, (list, tuple)):
         for one in value:
             yield from _files(one)
-    elif isinstance(value, (Fitted, CaseFile, classification.KeptRecording)):
+    elif isinstance(value, (Fitted, CaseFile)):
         yield from _files([*vars(value).values()])
 
 

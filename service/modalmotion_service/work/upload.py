@@ -22,7 +22,7 @@ from modalmotion.formats.result import Answer
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
 from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
-from modalmotion.mesh.facts import NO_FACTS, Facts
+from modalmotion.mesh.facts import NO_FACTS, UNKNOWN, Facts
 from modalmotion.progress import Progress
 from modalmotion.tracking.reading import Recorded, read_observed
 
@@ -155,15 +155,15 @@ class Upload:
 
     def observed(
         self,
-        contours: Sequence[str],
-        coordinates: str | None = None,
+        labels: Sequence[str | int],
+        coordinates: str = UNKNOWN,
         progress: Progress | None = None,
     ) -> Recorded:
         """Read it as observations that do not correspond, in a worker.
 
         Parameters
         ----------
-        contours : sequence of str
+        labels : sequence of str
             Of typed contours: parts of the names of those to read.
         coordinates : str, optional
             Of points whose files state none.
@@ -177,7 +177,7 @@ class Upload:
         with _own_words():
             return read_observed(
                 self.data(),
-                contours=contours,
+                labels=labels,
                 coordinates=coordinates,
                 parser=parser_for(self.options.limits),
                 progress=progress,

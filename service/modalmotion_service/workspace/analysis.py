@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,24 +27,21 @@ from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import parameters_from_json
 from modalmotion.store import ResultStore, SequenceRecord
 from modalmotion_service.errors import ConflictError
-from modalmotion_service.http.observation import add_milliseconds, stage
+from modalmotion_service.http.observation import stage
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.tasks import signatures
-from modalmotion_service.work.tasks.files import Fitted, followed
-from modalmotion_service.workspace.spool import Quota, Spool, remove_with_beside
+from modalmotion_service.work.tasks.files import Fitted, ProgressFile
+from modalmotion_service.workspace.spool import Quota, Spool, SpoolFile, remove_with_beside
 
 T = TypeVar("T")
 A = TypeVar("A")
 
 
-def split_stage(milliseconds: Mapping[str, float]) -> None:
-    """Name parts of the time that a request has waited for a worker."""
-    add_milliseconds({**milliseconds, "worker": -sum(milliseconds.values())})
-
-
 P = ParamSpec("P")
 
+
+_POLL_SECONDS: Final = 0.25
 
 USUAL: Final = SignatureParameters()
 """Parameters of the signature that a sequence has unasked."""
@@ -88,27 +85,24 @@ class Analysis:
     async def followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:
         """Have a worker do a task whose last argument is a `ProgressFile`; report what it tells."""
         progress = self.spool.new_path()
+        work, file = asyncio.ensure_future(self.work(task, *args, progress)), ProgressFile(progress)
         try:
-            return await followed(self.work(task, *args, progress), progress, report)
+            while not work.done():
+                await asyncio.wait([work], timeout=_POLL_SECONDS)
+                if (told := file.read()) is not None:
+                    report(*told)
+            return await work
         finally:
-            remove_with_beside(progress)
+            work.cancel()
+            # Whoever would write it again has ended then.
+            await asyncio.wait([work])
+            SpoolFile(progress).remove()
 
     async def written(self, task: Callable[..., object], *args: Any) -> Path:
         """Have a worker write a file, which a task names last; gives it."""
         with self.output() as output:
             await self.work(task, *args, output)
         return output
-
-    async def staged(
-        self, report: StageReport, task: Callable[..., tuple[Any, ...]], *args: Any
-    ) -> list[Any]:
-        """Have a worker do a task as `followed` does; the last it gives are milliseconds by stage.
-
-        They are those of the request; the rest is given.
-        """
-        *found, milliseconds = await self.followed(report, task, *args)
-        split_stage(milliseconds)
-        return found
 
     async def each(
         self,
@@ -326,7 +320,7 @@ class Analysis:
         sequence = await asyncio.to_thread(self.store.sequence_path, sequence_id)
         template = self.template_path(parameters)
         track = await asyncio.to_thread(self.track_path, sequence_id)
-        await self.staged(report, signatures.sign, sequence, parameters, template, track, image)
+        await self.followed(report, signatures.sign, sequence, parameters, template, track, image)
 
 
 def with_facts(text: bytes, facts: Facts) -> bytes:

@@ -21,7 +21,6 @@ from modalmotion_service.work.tasks import sequences, signatures
 from modalmotion_service.work.tasks.classification import classify_upload
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.analysis import split_stage
 from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request, State, operation
 from modalmotion_service.workspace.recording_operations import encoded, sent
@@ -96,9 +95,7 @@ async def _outcome(task: asyncio.Task[bytes]) -> tuple[bytes, dict[str, object] 
         return b"null", internal_problem()
 
 
-async def _signed(
-    state: State, upload: Upload, request: Request, media_type: str
-) -> tuple[bytes, dict[str, float]]:
+async def _signed(state: State, upload: Upload, request: Request, media_type: str) -> bytes:
     parameters, analysis = request.query.parameters(), state.analysis
     template = analysis.template_path(parameters)
     return await analysis.work(signatures.sign_upload, upload, parameters, template, media_type)
@@ -108,9 +105,7 @@ async def _signed(
 async def sent_signature(state: State, request: Request, _: Report) -> Outcome:
     """Fit an upload."""
     kind = request.media_type
-    body, milliseconds = await _signed(state, sent(state, request), request, kind)
-    split_stage(milliseconds)
-    return Outcome(body, kind)
+    return Outcome(await _signed(state, sent(state, request), request, kind), kind)
 
 
 @operation(media.JSON, media.NDJSON, query=SIGNATURE_OF_FILE)
@@ -119,7 +114,7 @@ async def sent_signatures(state: State, request: Request, report: Report) -> Out
     state.analysis.template_path(request.query.parameters())
 
     async def fit(upload: Upload) -> bytes:
-        return (await _signed(state, upload, request, media.JSON))[0]
+        return await _signed(state, upload, request, media.JSON)
 
     return await _each(state, request, fit, "signature", report)
 

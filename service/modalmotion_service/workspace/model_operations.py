@@ -27,7 +27,7 @@ from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.negotiation import CSV, JSON, PNG, attachment
 from modalmotion_service.schemas import queries
 from modalmotion_service.work.tasks import classification
-from modalmotion_service.work.tasks.classification import KeptRecording
+from modalmotion_service.work.tasks.files import Fitted
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.analysis import in_one_basis
 from modalmotion_service.workspace.job_runner import Report
@@ -39,7 +39,7 @@ _CLASSIFYING: Final = 0.95
 _FITTING: Final = 0.8
 
 
-@operation(query=queries.TRAINING, is_apart=True)
+@operation(query=queries.TRAINING, is_job=True, is_apart=True)
 async def training(state: State, request: Request, report: Report) -> Outcome:
     """Train a model on the cases of a file."""
     cases = await asyncio.to_thread(read_cases, state.spool.at(request.file))
@@ -154,7 +154,7 @@ def require_free_norm(state: State, name: str) -> None:
         )
 
 
-@operation(query=queries.NormOptions)
+@operation(query=queries.NormOptions, is_job=True)
 async def norm(state: State, request: Request, report: Report) -> Outcome:
     """Make a norm of stored controls, and keep it."""
     query, cases, analysis = request.query, request.cases, state.analysis
@@ -216,14 +216,15 @@ def _facts(state: State, case: Case) -> Facts:
 
 async def _recordings(
     state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Report = silent
-) -> list[KeptRecording]:
+) -> list[Fitted]:
     recordings, paths = [], await fit_each(state, cases, parameters, report, _FITTING)
     for case, path in zip(cases, paths, strict=True):
         assert isinstance(path, Path)  # noqa: S101 (none is left out)
-        vertices = None
-        if state.store.sequence_record(case.id).has_upload:
+        record, vertices = state.store.sequence_record(case.id), path
+        if record.has_upload:
             vertices = await asyncio.to_thread(state.store.sequence_path, case.id)
-        recordings.append(KeptRecording(case.id, path, vertices, _facts(state, case), case.subject))
+        record = replace(record, facts=_facts(state, case), subject=case.subject)
+        recordings.append(Fitted(path, vertices, None, None, record))
     return recordings
 
 

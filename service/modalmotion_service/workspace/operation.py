@@ -60,7 +60,7 @@ class Request:
     query : BaseModel
         As its client stated it: of the model of the operation.
     media_type : str
-        Of the answer.
+        Of the answer; by default what its client accepts.
     sequence_id : str
     key : str or None
         Of a signature's parameters.
@@ -81,7 +81,7 @@ class Request:
     """
 
     query: Any = field(default_factory=JsonBody)
-    media_type: str = JSON
+    media_type: str = ""
     sequence_id: str = ""
     key: str | None = None
     ids: tuple[str, ...] = ()
@@ -194,6 +194,8 @@ class Operation:
         What its client states.
     media_types : tuple of str
         That it answers with; the first by default.
+    is_job : bool
+        Whether no client waits for it.
     is_apart : bool
         Whether its jobs run in places of their own: hours of it keep nothing else waiting.
     on_stored : async function, optional
@@ -204,6 +206,7 @@ class Operation:
     work: Work
     query: type[BaseModel]
     media_types: tuple[str, ...]
+    is_job: bool = False
     is_apart: bool = False
     on_stored: OnStored | None = None
 
@@ -211,14 +214,13 @@ class Operation:
 def operation(
     *media_types: str,
     query: type[BaseModel] = JsonBody,
-    is_apart: bool = False,
-    on_stored: OnStored | None = None,
+    **how: Any,
 ) -> Callable[[Work], Operation]:
     """Make an operation of a function, under its name."""
 
     def made(work: Work) -> Operation:
         name = getattr(work, "__name__", "").replace("_", "-")
-        return Operation(name, work, query, media_types or (JSON,), is_apart, on_stored)
+        return Operation(name, work, query, media_types or (JSON,), **how)
 
     return made
 
@@ -282,7 +284,7 @@ class Performance(JobRunner):
         if state.settings.stateless:
             # Another replica would not know the job; the work has limits of its own.
             return await work
-        task = None if wait == 0 else asyncio.ensure_future(work)
+        task = None if wait == 0 or what.is_job else asyncio.ensure_future(work)
         most = state.settings.wait_seconds
         try:
             if task is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -47,7 +48,7 @@ async def upload(state: State, request: Request, report: Report) -> Outcome:
     analysis, file = state.analysis, sent(state, request)
     subject, label = request.query.subject, request.query.label
     with analysis.image() as image:
-        read, reading = await analysis.staged(report, sequences.ingest, file, image)
+        read, reading = await analysis.followed(report, sequences.ingest, file, image)
         record, is_new = await analysis.stored(
             state.store.put_sequence_image, image, read, subject=subject, label=label
         )
@@ -106,15 +107,9 @@ async def tradeoff(state: State, request: Request, report: Report) -> Outcome:
     sequence = await asyncio.to_thread(state.store.sequence_path, sequence_id)
     parameters = query.parameters()
     with analysis.output() as output:
-        await analysis.staged(
-            *(
-                report,
-                signatures.measure_trade,
-                sequence,
-                parameters,
-                query.front_modes,
-                query.only,
-            ),
+        await analysis.followed(
+            *(report, signatures.measure_trade),
+            *(sequence, parameters, query.front_modes, query.only),
             *(analysis.template_path(parameters), request.media_type, output),
             state.store.sequence_record(sequence_id).facts,
         )
@@ -126,7 +121,7 @@ async def template(state: State, request: Request, report: Report) -> Outcome:
     """Make and store the template of an upload."""
     parameters = request.query.parameters()
     with state.analysis.image() as image:
-        (answer,) = await state.analysis.staged(
+        answer = await state.analysis.followed(
             report, sequences.make_template, sent(state, request), parameters, image
         )
         is_new = await state.analysis.stored(state.store.put_template_image, image, answer.id)
@@ -162,7 +157,7 @@ async def images(state: State, request: Request, report: Report) -> Outcome:
     """Read images and store them."""
     upload = Upload.at(state.spool.at(request.file), state.settings.image_limits)
     with state.analysis.image() as file:
-        (read,) = await state.analysis.staged(report, tracks.ingest_images, upload, file)
+        read = await state.analysis.followed(report, tracks.ingest_images, upload, file)
         await asyncio.to_thread(SpoolFile(file).make_durable)
         record, is_new = await state.analysis.stored(state.store.put_images, file, read)
     return made(ImagesSummary.of(record), link_of_images(record.id), is_new)
@@ -225,7 +220,7 @@ async def keep_or_delete_images(state: State, request: Request, link: str) -> No
 async def track(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface through an upload or stored images, and store what is found."""
     query, analysis, store = request.query, state.analysis, state.store
-    parameters = query.parameters(request.facts)
+    parameters, facts = query.parameters(request.facts), replace(request.facts, landmarks={})
     surface = await start_path(state, query.start)
     source: Upload | Path
     if query.images is not None:
@@ -233,8 +228,8 @@ async def track(state: State, request: Request, report: Report) -> Outcome:
     else:
         source = Upload.at(state.spool.at(request.file), state.settings.read_limits)
     with analysis.image() as sequence, analysis.image() as image:
-        found, estimate = await analysis.staged(
-            *(report, tracks.follow, source, parameters, surface, sequence, image)
+        found, estimate = await analysis.followed(
+            *(report, tracks.follow, source, parameters, facts, surface, sequence, image)
         )
         subject, label = query.subject, query.label
         record, is_new = await analysis.stored(
@@ -242,7 +237,7 @@ async def track(state: State, request: Request, report: Report) -> Outcome:
         )
     # Of a sequence that was there before, by itself or with this track.
     record, filled = await asyncio.to_thread(
-        analysis.completed, record.id, subject, label, parameters.facts, found.facts
+        analysis.completed, record.id, subject, label, facts, found.facts
     )
     answer = TrackAnswer.joined(estimate, record, query.images if query.keep else None)
     return made(answer, answer.links["self"], is_new, filled=filled)
@@ -263,7 +258,7 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
     return Outcome(body, kind)
 
 
-@operation(media.ZIP, query=requests.TRACK, on_stored=keep_or_delete_images)
+@operation(media.ZIP, query=requests.TRACK, is_job=True, on_stored=keep_or_delete_images)
 async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
     done = await track.work(state, request, part_of(report, 0.0, _TRACKING))

@@ -105,6 +105,7 @@ BEAT: Final = "mesh_sequence(vertices, faces)"
         (lambda: mm.read_images("there is none.nii.gz"), "NIfTI"),  # type: ignore[arg-type]
         (lambda: mm.track("there is none"), "zip or folder"),
         (lambda: mm.track([np.zeros((9, 3))], mode=7), "landmarks"),
+        (lambda: mm.track([np.eye(3)], landmarks={"apex": "x"}), "Give one place (x, y, z)"),
         (lambda: mm.save(beat(), "beat.xyz"), ".vtkhdf"),
         (lambda: mm.plot(3), "read(path)"),
         (lambda: face_areas(np.zeros((3, 3)), np.zeros((1, 3))), "array of whole numbers"),  # type: ignore[arg-type]
@@ -115,6 +116,14 @@ def test_first_guesses_are_told_what_to_write(attempt: Callable[[], Any], remedy
     with pytest.raises(ModalMotionError) as caught:
         attempt()
     assert remedy in caught.value.remedy
+
+
+def test_a_mistake_within_is_not_the_users() -> None:
+    def progress(*_: int) -> None:
+        raise TypeError("progress() got an unexpected keyword argument 'total'")
+
+    with pytest.raises(TypeError, match="'total'"):
+        mm.track([*beat().vertices.astype(float)], unit="mm", modes=4, progress=progress)
 
 
 def test_what_is_clear_is_taken_as_it_is_meant(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def test_an_answer_is_described_member_by_member() -> None:
                 "amplitudes": [[1.0, 2.0], [3.0, 4.0]],
                 "interval": (1.0, 2.5),
                 "modes": [{"label": "a", "largest_error": 1.0}, {"label": "b"}],
-                "price": {"n_bytes": 3},
+                "price": {"n_bytes": 3, "rms": 0.5, "unit": "mm"},
                 "notes": ["Mind the gap."],
             }
         )
@@ -78,6 +78,8 @@ def test_an_answer_is_described_member_by_member() -> None:
             "b",
             "price:",
             "bytes 3",
+            "rms 0.500 mm",
+            "unit mm",
             "note: Mind the gap.",
         ),
     ]

@@ -155,7 +155,9 @@ def test_a_label_map_is_tracked_with_no_landmark(tmp_path: Path) -> None:
     words = [str(clouds_in(tmp_path)), "-o", str(tmp_path / "c.npz"), "--label", "3"]
     result = CliRunner().invoke(main, ["track", *words])
     assert result.exit_code != 0
-    assert "no images" in result.output
+    assert "no label map and has no typed contours" in result.output
+    result = CliRunner().invoke(main, ["track", str(source), *words[1:-1], "LV"])
+    assert "The label 'LV' is no whole number" in result.output
 
 
 def test_a_moving_picture_needs_images(tmp_path: Path) -> None:

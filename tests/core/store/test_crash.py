@@ -207,7 +207,7 @@ def test_a_file_that_the_index_does_not_know_yet_is_found_after_a_crash(
 
 def test_vertices_without_a_record_get_one_after_a_crash(crashed: Path) -> None:
     folder = Folder(crashed)
-    folder.record(sample_sequence(1).id).unlink()
+    folder.path("records", sample_sequence(1).id).unlink()
     assert not verify(crashed).is_sound
     with ResultStore(crashed) as store:
         assert store.sequence_record(sample_sequence(1).id).subject == "P 1"
@@ -218,8 +218,8 @@ def test_a_record_without_vertices_keeps_the_subject_for_a_second_put(crashed: P
     # As when the process dies between the record and the vertices.
     sequence = sample_sequence(1)
     folder = Folder(crashed)
-    folder.upload(sequence.id).unlink()
-    assert verify(crashed).unfinished == (folder.short(folder.record(sequence.id)),)
+    folder.path("uploads", sequence.id).unlink()
+    assert verify(crashed).unfinished == (folder.short(folder.path("records", sequence.id)),)
     with ResultStore(crashed) as store:
         with pytest.raises(NotFoundError, match="not kept"):
             store.sequence(sequence.id)
@@ -231,17 +231,17 @@ def test_a_record_without_vertices_keeps_the_subject_for_a_second_put(crashed: P
 
 def test_a_label_that_the_index_does_not_know_yet_is_the_one_after_a_crash(crashed: Path) -> None:
     folder, name = Folder(crashed), sample_sequence(1).id
-    old = folder.record(name).read_bytes()
+    old = folder.path("records", name).read_bytes()
     with ResultStore(crashed) as store:
         store.update_sequence(name, label="new")
         store._is_clean = False
-    new = folder.record(name).read_bytes()
-    folder.record(name).write_bytes(old)
-    assert verify(crashed).unfinished == (folder.short(folder.record(name)),)
+    new = folder.path("records", name).read_bytes()
+    folder.path("records", name).write_bytes(old)
+    assert verify(crashed).unfinished == (folder.short(folder.path("records", name)),)
     with ResultStore(crashed) as store:
         assert store.list_sequences().records[0].label is None
         store._is_clean = False
-    folder.record(name).write_bytes(new)
+    folder.path("records", name).write_bytes(new)
     with ResultStore(crashed) as store:
         assert store.list_sequences(label="new").records[0].id == name
 
@@ -249,8 +249,8 @@ def test_a_label_that_the_index_does_not_know_yet_is_the_one_after_a_crash(crash
 @pytest.mark.parametrize("n_removed", range(3))
 def test_a_deletion_that_was_begun_is_finished_after_a_crash(n_removed: int, crashed: Path) -> None:
     folder, name = Folder(crashed), sample_sequence(1).id
-    folder.record(name).rename(folder.deletion(name))
-    for path in [folder.upload(name), *folder.derived(name)][:n_removed]:
+    folder.path("records", name).rename(folder.path("deletions", name))
+    for path in [folder.path("uploads", name), *folder.derived(name)][:n_removed]:
         path.unlink()
     assert verify(crashed).is_sound
     assert opened_again(crashed) == set()

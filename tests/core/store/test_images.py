@@ -154,7 +154,7 @@ def test_samples_without_a_record_are_a_crash_that_the_next_start_clears(
 ) -> None:
     store = ResultStore(tmp_path).open()
     record = put(store)
-    store._folder.images_record(record.id).unlink()
+    store._folder.path("image_records", record.id).unlink()
     report = verify_closed(store)
     assert report.is_sound
     assert report.unfinished == (f"images/{record.id[:2]}/{record.id}.h5",)

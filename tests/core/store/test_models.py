@@ -317,8 +317,8 @@ def test_a_damaged_note_of_a_deletion_keeps_the_number_taken(root: Path) -> None
 
 def test_a_file_under_another_name_is_refused(root: Path) -> None:
     folder = Folder(root)
-    mine = folder.model(ModelReference("wall-motion", 3))
-    mine.write_bytes(folder.model(ModelReference("wall-motion", 1)).read_bytes())
+    mine = folder.path("models", ModelReference("wall-motion", 3))
+    mine.write_bytes(folder.path("models", ModelReference("wall-motion", 1)).read_bytes())
     with ResultStore(root) as store, pytest.raises(CorruptFileError, match="another version"):
         store.kept_model("wall-motion", 3)
     mine.unlink()

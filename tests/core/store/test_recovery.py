@@ -53,11 +53,11 @@ def test_a_rebuilt_index_is_the_old_one(root: Path) -> None:
     assert not found.service_tables_lost
     assert index_of(root) == before
     assert tree(root) == files
-    assert seen == [(i + 1, 4 * N) for i in range(4 * N)]
+    assert seen == [(i + 1, 5 * N + 1) for i in range(5 * N + 1)]
 
 
 def test_files_of_another_version_are_left_alone_and_not_listed(root: Path) -> None:
-    path = Folder(root).result(ResultName("signature", sample_sequence(1).id, "", KEY))
+    path = Folder(root).path("results", ResultName("signature", sample_sequence(1).id, "", KEY))
 
     def older(file: h5py.File) -> None:
         file.attrs["schema_version"] = np.int64(1)
@@ -123,7 +123,7 @@ def test_service_tables_survive_a_damaged_index_where_they_can_be_read(root: Pat
 def test_a_damaged_record_is_written_anew_from_the_index(root: Path) -> None:
     folder, before = Folder(root), index_of(root)
     files = tree(root)
-    path = folder.record(sample_sequence(1).id)
+    path = folder.path("records", sample_sequence(1).id)
     damage(path)
     assert [fault.file for fault in verify(root).faults] == [folder.short(path)]
     assert rebuild(root).restored == (folder.short(path),)
@@ -133,9 +133,9 @@ def test_a_damaged_record_is_written_anew_from_the_index(root: Path) -> None:
 
 def test_a_damaged_record_without_an_index_comes_back_without_its_names(root: Path) -> None:
     folder, name = Folder(root), sample_sequence(1).id
-    damage(folder.record(name))
+    damage(folder.path("records", name))
     (root / "index.sqlite").unlink()
-    assert rebuild(root).restored == (folder.short(folder.record(name)),)
+    assert rebuild(root).restored == (folder.short(folder.path("records", name)),)
     with ResultStore(root) as store:
         record = store.sequence_record(name)
         assert (record.subject, record.label, record.n_frames) == (None, None, 4)
@@ -145,7 +145,7 @@ def test_a_damaged_record_without_an_index_comes_back_without_its_names(root: Pa
 
 
 def test_a_record_with_a_flipped_byte_is_damaged_or_says_the_same(root: Path) -> None:
-    path = Folder(root).record(sample_sequence(1).id)
+    path = Folder(root).path("records", sample_sequence(1).id)
     expected, content = read_record(path), path.read_bytes()
     n_damaged = 0
     places = range(0, len(content), 3)
@@ -162,7 +162,7 @@ def test_a_record_with_a_flipped_byte_is_damaged_or_says_the_same(root: Path) ->
 
 def test_damaged_results_are_left_where_they_are_and_named(root: Path) -> None:
     folder, sequence = Folder(root), sample_sequence(2)
-    path = folder.result(ResultName("signature", sequence.id, "", KEY))
+    path = folder.path("results", ResultName("signature", sequence.id, "", KEY))
     damage(path)
     assert rebuild(root).damaged == (folder.short(path),)
     assert path.exists()
@@ -177,7 +177,7 @@ def test_damaged_results_are_left_where_they_are_and_named(root: Path) -> None:
 def test_a_damaged_upload_is_named_and_mended_by_sending_it_again(root: Path) -> None:
     folder, sequence = Folder(root), sample_sequence(1)
     flip_upload(root)
-    assert rebuild(root).damaged == (folder.short(folder.upload(sequence.id)),)
+    assert rebuild(root).damaged == (folder.short(folder.path("uploads", sequence.id)),)
     with ResultStore(root) as store:
         assert store.sequence_record(sequence.id).subject == "P 1"
         with pytest.raises(CorruptFileError):
@@ -189,7 +189,7 @@ def test_a_damaged_upload_is_named_and_mended_by_sending_it_again(root: Path) ->
 
 def test_what_belongs_to_nothing_is_listed_and_left_alone(root: Path) -> None:
     folder = Folder(root)
-    orphan = folder.result(ResultName("signature", "ab" * 32, "", KEY))
+    orphan = folder.path("results", ResultName("signature", "ab" * 32, "", KEY))
     orphan.parent.mkdir(exist_ok=True)
     with ResultStore(root) as store:
         orphan.write_bytes(store.signature_path(sample_sequence(1).id, KEY).read_bytes())
@@ -218,7 +218,7 @@ def told(text: str, *names: str) -> list[str]:
 
 def test_what_was_rendered_of_a_deleted_signature_does_not_take_the_new_one(root: Path) -> None:
     sequence = sample_sequence(1)
-    path = Folder(root).result(ResultName("signature", sequence.id, "", KEY))
+    path = Folder(root).path("results", ResultName("signature", sequence.id, "", KEY))
     rendered = path.with_suffix(".json")
     with ResultStore(root) as store:
         store.delete_signature(sequence.id, KEY)
@@ -257,7 +257,7 @@ def test_the_commands_say_what_they_found(root: Path, tmp_path: Path) -> None:
 
 def test_a_record_of_a_newer_version_is_not_overwritten(root: Path) -> None:
     folder, name = Folder(root), sample_sequence(1).id
-    path = folder.record(name)
+    path = folder.path("records", name)
     with ResultStore(root) as store:
         record = store.sequence_record(name)
     newer = replace(FORM, version=FORM.version + 1).write(

@@ -401,7 +401,7 @@ def test_a_backup_tells_deleted_tracks_from_lost_ones(
     tmp_path: Path, root: Path, tracked: Track
 ) -> None:
     copy, name = tmp_path / "copy", tracked.sequence.id
-    path = Folder(root).result(track_name(name)).relative_to(root)
+    path = Folder(root).path("results", track_name(name)).relative_to(root)
     with ResultStore(root) as store:
         put_track(store, tracked)
     backup(root, copy)
@@ -424,7 +424,7 @@ def test_a_track_is_verified_rebuilt_copied_and_missed(
     tmp_path: Path, root: Path, tracked: Track
 ) -> None:
     name, copy = tracked.sequence.id, tmp_path / "copy"
-    path = Folder(root).result(track_name(name))
+    path = Folder(root).path("results", track_name(name))
     with ResultStore(root) as store:
         put_track(store, tracked)
     backup(root, copy)

@@ -26,7 +26,7 @@ def root(tmp_path: Path) -> Path:
 
 def _flip_template(root: Path) -> None:
     template = make_template(sample_sequence(1))
-    path = Folder(root).template(template.id)
+    path = Folder(root).path("templates", template.id)
     path.parent.mkdir(parents=True)
     path.write_bytes(template_to_hdf5(template))
     assert verify(root).is_sound
@@ -34,29 +34,33 @@ def _flip_template(root: Path) -> None:
 
 
 def _flip_classification(root: Path) -> None:
-    damage(Folder(root).result(ResultName("classification", sample_sequence(1).id, MODEL, KEY)))
+    damage(
+        Folder(root).path(
+            "results", ResultName("classification", sample_sequence(1).id, MODEL, KEY)
+        )
+    )
 
 
 def _cut(root: Path) -> None:
-    path = Folder(root).upload(sample_sequence(1).id)
+    path = Folder(root).path("uploads", sample_sequence(1).id)
     path.write_bytes(path.read_bytes()[:-1])
 
 
 def _remove_record(root: Path) -> None:
-    Folder(root).record(sample_sequence(1).id).unlink()
+    Folder(root).path("records", sample_sequence(1).id).unlink()
 
 
 def _remove_upload(root: Path) -> None:
-    Folder(root).upload(sample_sequence(1).id).unlink()
+    Folder(root).path("uploads", sample_sequence(1).id).unlink()
 
 
 def _remove_result(root: Path) -> None:
-    Folder(root).result(ResultName("signature", sample_sequence(1).id, "", KEY)).unlink()
+    Folder(root).path("results", ResultName("signature", sample_sequence(1).id, "", KEY)).unlink()
 
 
 def _swap(root: Path) -> None:
     folder = Folder(root)
-    a, b = (folder.upload(sample_sequence(number).id) for number in (1, 2))
+    a, b = (folder.path("uploads", sample_sequence(number).id) for number in (1, 2))
     content = a.read_bytes()
     a.write_bytes(b.read_bytes())
     b.write_bytes(content)
@@ -64,7 +68,7 @@ def _swap(root: Path) -> None:
 
 def _another_record(root: Path) -> None:
     folder = Folder(root)
-    a, b = (folder.record(sample_sequence(number).id) for number in (1, 2))
+    a, b = (folder.path("records", sample_sequence(number).id) for number in (1, 2))
     a.write_bytes(b.read_bytes())
 
 
@@ -76,14 +80,14 @@ def _other_numbers(root: Path) -> None:
     with ResultStore(root.parent / "other") as other:
         other.put_sequence(sequence)
         path = other.put_signature(replace(signature, notes=("another",)))
-    Folder(root).result(name).write_bytes(path.read_bytes())
+    Folder(root).path("results", name).write_bytes(path.read_bytes())
 
 
 def _other_vertices(root: Path) -> None:
     # Sealed and under the right id, which does not stand for these vertices.
     one, other = sample_sequence(1), sample_sequence(9)
     image = sequence_to_hdf5(other)[:-SEAL_LENGTH].replace(other.id.encode(), one.id.encode())
-    Folder(root).upload(one.id).write_bytes(seal(image))
+    Folder(root).path("uploads", one.id).write_bytes(seal(image))
 
 
 def _change_index(root: Path) -> None:

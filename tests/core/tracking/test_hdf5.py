@@ -11,6 +11,7 @@ import pytest
 from clouds import breathing_spheroid, sampled
 
 from modalmotion.errors import CorruptFileError
+from modalmotion.mesh import Facts
 from modalmotion.tracking import Track, track
 from modalmotion.tracking.hdf5 import track_from_hdf5, track_to_hdf5
 
@@ -21,7 +22,7 @@ def result() -> Track:
     clouds: list[object] = [sampled(x, beat.faces, 150, rng, 0.3) for x in beat.vertices]
     clouds[2] = None
     times = [0.0, 0.2, 0.5, 0.7]
-    return track(clouds, modes=7, times=times, period=0.9, unit="mm")
+    return track(clouds, modes=7, times=times, facts=Facts(period=0.9), unit="mm")
 
 
 def test_a_track_reads_as_it_was_written(result: Track) -> None:

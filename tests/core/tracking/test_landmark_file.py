@@ -11,8 +11,8 @@ import pytest
 
 from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
 from modalmotion.formats.ply import write_ply
+from modalmotion.tracking import track
 from modalmotion.tracking.landmarks import read_landmark_file
-from modalmotion.tracking.parameters import TrackParameters
 from modalmotion.tracking.reading import read_observed
 
 
@@ -131,9 +131,9 @@ def test_a_landmark_of_all_frames_may_be_another_in_one(tmp_path: Path) -> None:
 
 def test_a_landmark_far_from_all_points_is_refused(tmp_path: Path) -> None:
     recorded = read_observed(frames_in(tmp_path))
-    far = TrackParameters(modes=4, landmarks={"apex": [0, 0, -9], "base": [500.0, 0, 9]})
+    far = {"apex": [0, 0, -9], "base": [500.0, 0, 9]}
     with pytest.raises(ParameterError, match=r"'base' in frame 0 is .* from the points") as caught:
-        far.follow(recorded)
+        track(recorded, modes=4, landmarks=far)
     assert caught.value.frame == 0
     assert "LPS and RAS" in caught.value.remedy
 

@@ -16,7 +16,7 @@ from modalmotion.errors import (
     ShapeError,
     TopologyError,
 )
-from modalmotion.mesh import cavity_of
+from modalmotion.mesh import Facts, cavity_of
 from modalmotion.mesh.normal_lines import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
@@ -213,10 +213,10 @@ def test_an_open_recording_has_no_gap() -> None:
 def test_unequal_and_repeated_frames() -> None:
     clouds = clouds_of(BALL)
     times = np.array([0.0, 0.05, 0.4, 0.5, 0.55, 0.9])
-    found = track(clouds, times=times, period=1.0, modes=7)
+    found = track(clouds, times=times, facts=Facts(period=1.0), modes=7)
     assert found.sequence.times == pytest.approx(times)
     with pytest.raises(InputError, match="last frame repeats the first"):
-        track(clouds, times=times, period=0.9, modes=7)
+        track(clouds, times=times, facts=Facts(period=0.9), modes=7)
     twice = track([clouds[0], *clouds], modes=7)
     assert twice.n_frames == 7
 

@@ -121,11 +121,11 @@ def test_guide_points_are_contours_with_landmarks(tmp_path: Path) -> None:
     assert found.frames[1][1].end == "base"
     assert found.landmarks["apex"][0].tolist() == [0, 0, -9]
     assert np.isnan(found.landmarks["apex"][1]).all()
-    outer = read_observed(tmp_path, contours=["LV_EPICARDIAL"])
+    outer = read_observed(tmp_path, labels=["LV_EPICARDIAL"])
     assert outer.frames[0][0].points.tolist() == [[4.0, 5.0, 6.0]]
     assert outer.landmarks["base"].tolist() == [[0, 0, 9], [0, 0, 9]]
     with pytest.raises(ParameterError, match="SAX_LV_ENDOCARDIAL"):
-        read_observed(tmp_path, contours=["AORTA_WALL"])
+        read_observed(tmp_path, labels=["AORTA_WALL"])
 
 
 def test_two_time_frames_in_one_file_are_refused_by_name(tmp_path: Path) -> None:

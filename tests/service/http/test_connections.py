@@ -27,10 +27,8 @@ from modalmotion_service.app import create_app
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.http.connections import room_for_connections
 from modalmotion_service.http.middleware import UNKNOWN_CLIENT, UPLOADS, plain_address
-from modalmotion_service.http.observation import add_milliseconds, begin_stages, server_timing
 from modalmotion_service.settings import Settings
 from modalmotion_service.work.pool import WorkerPool
-from modalmotion_service.workspace.analysis import split_stage
 
 JSON = {"Content-Type": "application/json"}
 MOST = 4
@@ -435,13 +433,3 @@ def test_an_answer_after_the_body_keeps_its_connection(
             answer.begin()
             assert (answer.status in (404, 422), answer.headers["Connection"]) == (True, None)
             answer.read()
-
-
-def test_no_stage_of_tasks_that_run_at_the_same_time_is_below_zero() -> None:
-    stages = begin_stages()
-    add_milliseconds({"worker": 10.0})
-    for _ in range(3):
-        split_stage({"fit": 8.0})
-    assert (
-        server_timing(stages, 12.0) == "worker;dur=0.0, fit;dur=24.0, other;dur=0.0, total;dur=12.0"
-    )

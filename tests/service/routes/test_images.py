@@ -245,7 +245,6 @@ def test_images_in_the_body_of_a_track_are_not_stored(client: TestClient, file: 
     [
         ({"images": "0" * 64}, b"", "no images"),
         ({"keep": "true"}, b"x", "none are named"),
-        ({"labels": "three"}, b"x", "labels"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(

@@ -23,7 +23,7 @@ from modalmotion.formats.ply import write_ply
 from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import mesh_sequence, sequence_to_hdf5
 from modalmotion.store import track_from_hdf5, track_to_hdf5
-from modalmotion.tracking.parameters import TrackParameters
+from modalmotion.tracking import track
 from modalmotion.tracking.reading import read_observed
 from modalmotion.viewer.container import read_container
 from modalmotion_service.http.negotiation import VIEW
@@ -66,12 +66,12 @@ def test_a_track_is_made_once_and_is_the_librarys_bit_for_bit(
     assert (here["sequence"]["subject"], here["sequence"]["n_frames"]) == ("P 1", 4)
     assert len(here["modes"]) == len(here["determined"]) == 4
     assert here["ejection_fraction"] == pytest.approx(39.5, abs=6.0)
-    own = TrackParameters(modes=4, facts=Facts(period=0.8)).follow(read_observed(recording))
+    own = track(read_observed(recording), modes=4, facts=Facts(period=0.8))
     assert client.get(link, headers=HDF5).content == track_to_hdf5(own)
 
 
 def test_a_track_sent_as_a_sequence_is_one(client: TestClient, recording: bytes) -> None:
-    own = TrackParameters(modes=5).follow(read_observed(recording))
+    own = track(read_observed(recording), modes=5)
     answer = client.post("/v1/sequences", content=track_to_hdf5(own))
     assert answer.status_code == 201, answer.text
     assert answer.json()["id"] == own.sequence.id

@@ -110,7 +110,7 @@ def test_the_front_and_the_chosen_point(client: TestClient, here: str) -> None:
     price = answer["chosen"]["price"]
     assert price["rms_error"] <= 1.0 <= price["max_error"]
     assert {"front", "choice"} <= set(price["milliseconds"])
-    assert "front;dur=" in response.headers["server-timing"]
+    assert "worker;dur=" in response.headers["server-timing"]
 
 
 def test_components_and_topology_can_be_the_only_ones(client: TestClient, here: str) -> None:

@@ -191,7 +191,7 @@ def test_many_files_go_in_their_order_whatever_their_sizes(
     shared_client: TestClient, shared_data_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def told(_state: Any, upload: Any, *_: Any) -> Any:
-        return json.dumps(upload.data().hex()).encode(), {}
+        return json.dumps(upload.data().hex()).encode()
 
     monkeypatch.setattr(file_operations, "_signed", told)
     rng = np.random.default_rng(3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -21,15 +21,14 @@ from modalmotion.classification import (
 from modalmotion.classification.cases import LeftOut, TrainingCase, case_name
 from modalmotion.classification.evaluation import CaseAnswer, comparison_of, evaluation_of
 from modalmotion.mesh.facts import Facts
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm, cohort_deviation, norm_from_hdf5, norm_to_hdf5, train_norm
 from modalmotion.norm.norm import Reading
-from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas import models
 from modalmotion_service.schemas.general import ReadingAnswer
 from modalmotion_service.schemas.results import ClassificationAnswer, UploadClassificationAnswer
-from modalmotion_service.work.tasks.files import ProgressFile, png_of, write_whole
+from modalmotion_service.work.tasks.files import Fitted, ProgressFile, png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
 
@@ -181,40 +180,8 @@ def tabulate_features(
     return len(table.left_out)
 
 
-@dataclass(frozen=True)
-class KeptRecording:
-    """A kept sequence with its signature.
-
-    Parameters
-    ----------
-    sequence_id : str
-    signature : Path
-    vertices : Path or None
-        None where they are not kept: then no volume is read.
-    facts : Facts
-        Of the sequence; kept files have none.
-    subject : str or None
-    """
-
-    sequence_id: str
-    signature: Path
-    vertices: Path | None
-    facts: Facts
-    subject: str | None
-
-    def read_signature(self) -> ModalSignature:
-        """Read the signature, with the facts."""
-        return replace(store.signature_from_hdf5(self.signature), facts=self.facts)
-
-    def read_sequence(self) -> MeshSequence | None:
-        """Read the vertices, with the facts."""
-        if self.vertices is None:
-            return None
-        return store.sequence_from_hdf5(self.vertices).with_facts(self.facts)
-
-
 def make_norm(
-    recordings: Sequence[KeptRecording],
+    recordings: Sequence[Fitted],
     name: str,
     modes: int,
     topology: str | None,
@@ -227,10 +194,10 @@ def make_norm(
         TrainingCase(
             one.read_signature(),
             "",
-            one.subject,
-            case_name(one.sequence_id),
+            one.record.subject,
+            case_name(one.record.id),
             # Read one after another, when its turn comes.
-            sequence=one.read_sequence,
+            sequence=one.read_sequence if one.record.has_upload else None,
         )
         for one in recordings
     ]
@@ -239,13 +206,13 @@ def make_norm(
 
 
 def ask_norm(
-    recordings: Sequence[KeptRecording], norm: Path, level: float, stated: Sequence[str | None]
+    recordings: Sequence[Fitted], norm: Path, level: float, stated: Sequence[str | None]
 ) -> tuple[bytes, dict[int, str]]:
     """Compare kept sequences with a norm, each, and many together; gives the answer as JSON.
 
     Parameters
     ----------
-    recordings : sequence of KeptRecording
+    recordings : sequence of Fitted
     norm : Path
     level : float
     stated : sequence of (str or None)
@@ -272,7 +239,7 @@ def ask_norm(
 
 
 def _read(
-    recording: KeptRecording, controls: Norm, stated: str | None
+    recording: Fitted, controls: Norm, stated: str | None
 ) -> tuple[Reading | None, str | None]:
     """Read a recording as the controls are; or give the topology in which they rather have it."""
     signature = recording.read_signature()
@@ -281,8 +248,8 @@ def _read(
         return None, str(imposed.topology)
     own = controls.read(
         signature,
-        subject=recording.subject,
-        name=case_name(recording.sequence_id),
-        sequence=recording.read_sequence(),
+        subject=recording.record.subject,
+        name=case_name(recording.record.id),
+        sequence=recording.read_sequence() if recording.record.has_upload else None,
     )
     return own, None

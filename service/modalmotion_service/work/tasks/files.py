@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import io
 import json
 import secrets
 import time
-from collections.abc import Awaitable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final
+
+from pydantic_core import from_json
 
 from modalmotion import store
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress, StageReport, as_share
+from modalmotion.progress import Progress, as_share
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
 
@@ -78,6 +79,7 @@ class Fitted:
     Parameters
     ----------
     signature, sequence : Path
+        The second is not read where the record says that no vertices are kept.
     template : Path or None
         That its parameters name.
     track : Path or None
@@ -114,16 +116,12 @@ class Fitted:
         return None if self.template is None else store.template_from_hdf5(self.template)
 
 
-T = TypeVar("T")
-
-_POLL_SECONDS: Final = 0.25
-
 # What is told sooner after the last time is not written.
 _LEAST_SECONDS: Final = 0.1
 
 
 class ProgressFile:
-    """A file that a worker adds lines to, and that the server reads on from where it was.
+    """A file in which a worker states how far it is, and that the server reads now and again.
 
     Parameters
     ----------
@@ -132,68 +130,26 @@ class ProgressFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._written = -_LEAST_SECONDS
-        self._text = ""
-        self._share = 0.0
-        self._n_read = 0
+        self._text, self._written = "", -_LEAST_SECONDS
 
     def write(self, share: float, text: str = "") -> None:
         """Write the share that is done, 0 to 1, and what is done now."""
         now = time.monotonic()
-        # What is done now is always told: it may last. So is that something is done at all, or
-        # quick work would go from nothing to its end.
-        is_news = text != self._text or (self._share == 0.0 and share > 0.0)
-        if not is_news and now - self._written < _LEAST_SECONDS:
+        # A new stage is always told: it may last.
+        if text == self._text and now - self._written < _LEAST_SECONDS:
             return
-        self._written, self._text, self._share = now, text, share
+        self._text, self._written = text, now
         # No work fails because nobody can be told how far it is.
-        with contextlib.suppress(OSError), self._path.open("a") as file:
-            file.write(json.dumps([share, text]) + "\n")
+        with contextlib.suppress(OSError):
+            self._path.write_text(json.dumps([share, text]))
 
     def of(self, stage: str) -> Progress:
         """Return a callback that writes how much of a stage is done."""
         return as_share(lambda share: self.write(share, stage))
 
-    def news(self) -> list[tuple[float, str]]:
-        """Give what was told since the last call, in its order."""
-        try:
-            with self._path.open("rb") as file:
-                file.seek(self._n_read)
-                # The last line may be half-written.
-                whole = file.read().rpartition(b"\n")[0]
-        except OSError:
-            return []
-        self._n_read += len(whole) + bool(whole)
-        told: list[tuple[float, str]] = []
-        for line in whole.splitlines():
-            # A worker that was killed may have left half a line.
-            with contextlib.suppress(ValueError):
-                share, text = json.loads(line)
-                told.append((min(max(float(share), 0.0), 1.0), str(text)))
-        return told
-
-
-async def followed(work: Awaitable[T], path: Path, report: StageReport) -> T:
-    """Wait for work, and report what its worker tells: all of it, however fast the work is.
-
-    Parameters
-    ----------
-    work : awaitable
-        Cancelled with what waits for it.
-    path : Path
-        Of the `ProgressFile` that the worker writes; what others wrote to it is removed.
-    report : callable
-        Called now and again with what `ProgressFile.news` gives.
-    """
-    path.unlink(missing_ok=True)
-    task, file = asyncio.ensure_future(work), ProgressFile(path)
-    try:
-        is_done = False
-        while not is_done:
-            is_done = bool((await asyncio.wait([task], timeout=_POLL_SECONDS))[0])
-            for share, text in file.news():
-                report(share, text)
-        return await task
-    except asyncio.CancelledError:
-        task.cancel()
-        raise
+    def read(self) -> tuple[float, str] | None:
+        """Give what was told last; None if nothing was, or it is just being written."""
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            share, text = from_json(self._path.read_bytes())
+            return min(max(float(share), 0.0), 1.0), str(text)
+        return None

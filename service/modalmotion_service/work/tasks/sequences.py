@@ -34,7 +34,7 @@ _SHARES: Final = {"read": 0.7, "image": 0.2}
 
 def ingest(
     upload: Upload, image: Path, progress: Path
-) -> tuple[store.SequenceRecord, ReadingAnswer, dict[str, float]]:
+) -> tuple[store.SequenceRecord, ReadingAnswer]:
     """Read an upload, check it, and write it as a sequence's HDF5 image.
 
     `progress` is a `ProgressFile`.
@@ -45,8 +45,6 @@ def ingest(
         Of the sequence; whose it is and when it came is for the server to say.
     reading : ReadingAnswer
         What the file held besides.
-    milliseconds : dict
-        By stage.
     """
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
@@ -54,7 +52,7 @@ def ingest(
     with watch.stage("image"):
         record = store.record_of(reading.sequence, created="", has_upload=True)
         write_whole(image, store.upload_image(reading.sequence))
-    return record, ReadingAnswer.of(reading), watch.milliseconds
+    return record, ReadingAnswer.of(reading)
 
 
 def sample(image: Path) -> store.SequenceRecord:
@@ -142,8 +140,8 @@ _MOST_NUMBERS_AS_JSON: Final = 2_000_000
 
 def make_template(
     upload: Upload, parameters: SignatureParameters, image: Path, progress: Path
-) -> tuple[TemplateAnswer, dict[str, float]]:
-    """Make the template of an upload and write its HDF5 image; gives milliseconds by stage too.
+) -> TemplateAnswer:
+    """Make the template of an upload and write its HDF5 image.
 
     `progress` is a `ProgressFile`.
     """
@@ -155,7 +153,7 @@ def make_template(
         template = resolve_template(sequence, resolved, report=report)
     with watch.stage("image"):
         write_whole(image, store.template_to_hdf5(template))
-    return TemplateAnswer.of(template), watch.milliseconds
+    return TemplateAnswer.of(template)
 
 
 def show_template(path: Path, media_type: str) -> bytes:

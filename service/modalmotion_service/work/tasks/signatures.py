@@ -59,8 +59,8 @@ def sign(
     track: Path | None,
     image: Path,
     progress: Path,
-) -> tuple[dict[str, float]]:
-    """Fit a kept sequence and write its signature's HDF5 image; gives milliseconds by stage.
+) -> None:
+    """Fit a kept sequence and write its signature's HDF5 image.
 
     `track` is that of the sequence, where it has one: it says how far positions may be off.
     `progress` is a `ProgressFile`.
@@ -72,24 +72,17 @@ def sign(
     signature = modal_signature(loaded, parameters, template=named, watch=watch)
     with watch.stage("image"):
         write_whole(image, store.signature_image(signature))
-    return (watch.milliseconds,)
 
 
 def sign_upload(
     upload: Upload, parameters: SignatureParameters, template: Path | None, media_type: str
-) -> tuple[bytes, dict[str, float]]:
-    """Fit an upload and write its signature out; gives milliseconds by stage besides."""
-    watch = Stopwatch()
-    with watch.stage("read"):
-        sequence = upload.read().sequence
-        named = named_template(template)
-    signature = modal_signature(sequence, parameters, template=named, watch=watch)
-    with watch.stage("render"):
-        if media_type == PNG:
-            body = _as_png(signature, sequence)
-        else:
-            body = _SIGNATURE_WRITERS[media_type](signature)
-    return body, watch.milliseconds
+) -> bytes:
+    """Fit an upload and write its signature out."""
+    sequence = upload.read().sequence
+    signature = modal_signature(sequence, parameters, template=named_template(template))
+    if media_type == PNG:
+        return _as_png(signature, sequence)
+    return _SIGNATURE_WRITERS[media_type](signature)
 
 
 def render(path: Path, key: str | None, file: str | None) -> bytes:
@@ -249,8 +242,8 @@ def measure_trade(
     output: Path,
     facts: Facts,
     progress: Path,
-) -> tuple[dict[str, float]]:
-    """Measure the trade on a kept sequence, as JSON or PNG; gives milliseconds by stage.
+) -> None:
+    """Measure the trade on a kept sequence, as JSON or PNG.
 
     `progress` is a `ProgressFile`.
     """
@@ -269,7 +262,6 @@ def measure_trade(
             tradeoff_figure(found).savefig(temporary, format="png")
         else:
             temporary.write_text(TradeoffAnswer(**as_plain(found)).model_dump_json())
-    return (dict(found.milliseconds),)
 
 
 def superpose(

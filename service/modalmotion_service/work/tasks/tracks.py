@@ -12,8 +12,9 @@ from modalmotion import store
 from modalmotion.errors import InputError, NotFoundError, ParameterError
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file, write_images
+from modalmotion.mesh import Facts
 from modalmotion.progress import Stopwatch, as_share
-from modalmotion.tracking import Track
+from modalmotion.tracking import Track, recordings
 from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map
 from modalmotion.tracking.parameters import TrackParameters
@@ -33,11 +34,12 @@ _SHARES: Final = {"read": 0.1, "track": 0.8, "image": 0.05}
 def follow(
     source: Upload | Path,
     parameters: TrackParameters,
+    facts: Facts,
     start: Path | None,
     sequence: Path,
     track: Path,
     progress: Path,
-) -> tuple[store.SequenceRecord, TrackEstimate, dict[str, float]]:
+) -> tuple[store.SequenceRecord, TrackEstimate]:
     """Track a surface through an upload or kept images, and write its sequence's and its own image.
 
     `progress` is a `ProgressFile`.
@@ -47,28 +49,24 @@ def follow(
     record : SequenceRecord
         Of the sequence; whose it is and when it came is for the server to say.
     estimate : TrackEstimate
-    milliseconds : dict
-        By stage.
     """
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
         if isinstance(source, Path):
             recorded = recorded_images(read_images_file(source))
         else:
-            recorded = source.observed(
-                parameters.contours,
-                parameters.coordinates,
-                as_share(report),
-            )
+            recorded = source.observed(parameters.labels, facts.coordinates, as_share(report))
         surface = None if start is None else store.sequence_from_hdf5(start)
     with watch.stage("track") as report:
-        result = parameters.follow(recorded, start=surface, progress=as_share(report))
+        result = recordings.follow(
+            recorded, parameters, start=surface, facts=facts, progress=as_share(report)
+        )
     with watch.stage("image"):
         record = store.record_of(result.sequence, created="", has_upload=True)
         write_whole(sequence, store.upload_image(result.sequence))
         write_whole(track, store.track_image(result))
         estimate = TrackEstimate.of(result)
-    return record, estimate, watch.milliseconds
+    return record, estimate
 
 
 def show_track(
@@ -133,25 +131,14 @@ def _drawn(track: Track, query: TrackView, images: Path | None) -> bytes:
 _IMAGE_SHARES: Final = {"read": 0.6, "image": 0.3}
 
 
-def ingest_images(
-    upload: Upload, file: Path, progress: Path
-) -> tuple[store.ImagesRecord, dict[str, float]]:
-    """Read images and write them as HDF5.
-
-    `progress` is a `ProgressFile`.
-
-    Returns
-    -------
-    record : ImagesRecord
-    milliseconds : dict
-        By stage.
-    """
+def ingest_images(upload: Upload, file: Path, progress: Path) -> store.ImagesRecord:
+    """Read images and write them as HDF5; `progress` is a `ProgressFile`."""
     watch = Stopwatch(_IMAGE_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
         images = upload.images(as_share(report))
     with watch.stage("image"), whole_file(file) as temporary:
         write_images(temporary, images)
-    return _with_ends(store.images_record_of(images), images), watch.milliseconds
+    return _with_ends(store.images_record_of(images), images)
 
 
 def _with_ends(record: store.ImagesRecord, images: ImageSequence) -> store.ImagesRecord:

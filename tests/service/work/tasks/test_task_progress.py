@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,106 +14,113 @@ import pytest
 from modalmotion.mesh.sequence import sequence_to_hdf5
 from modalmotion.simulate import simulate_ventricle
 from modalmotion_service.schemas.requests import EncodingTarget
+from modalmotion_service.work.engine import Engine, Terms
+from modalmotion_service.work.tariff import Tariff
 from modalmotion_service.work.tasks import files, sequences
-from modalmotion_service.work.tasks.files import ProgressFile, followed
+from modalmotion_service.work.tasks.files import ProgressFile
+from modalmotion_service.workspace import analysis
+from modalmotion_service.workspace.analysis import Analysis
+from modalmotion_service.workspace.spool import Quota, Spool
 
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "_POLL_SECONDS", 0.005)
+    monkeypatch.setattr(analysis, "_POLL_SECONDS", 0.005)
     monkeypatch.setattr(files, "_LEAST_SECONDS", 0.0)
+
+
+class NoWorker(Engine):
+    """Hands a task's `ProgressFile` to the test, which works in the worker's place."""
+
+    n_workers = 1
+
+    def __init__(self) -> None:
+        self.work: Future[Any] = Future()
+
+    def require_ready(self) -> None:
+        """Be ready."""
+
+    def submit_for(
+        self, terms: Terms, fn: Callable[..., Any], /, *args: Any, **_: Any
+    ) -> Future[Any]:
+        self.file = ProgressFile(args[-1])
+        return self.work
+
+
+def analysis_with(engine: Engine, folder: Path) -> Analysis:
+    spool, tariff = Spool(folder), Tariff("", 20.0, 2.0)
+    return Analysis(None, engine, spool, tariff, Quota(folder))  # type: ignore[arg-type]
 
 
 def test_shares_are_told_in_their_order_until_the_work_is_done(tmp_path: Path) -> None:
     told: list[tuple[float, str]] = []
-    path = tmp_path / "progress"
+    engine = NoWorker()
 
-    async def work() -> str:
-        file = ProgressFile(path)
+    async def main() -> object:
+        waiting = asyncio.ensure_future(
+            analysis_with(engine, tmp_path).followed(lambda *said: told.append(said), abs)
+        )
+        await asyncio.sleep(0)
         for share, text in ((0.25, "reading"), (0.5, "fitting"), (7.0, "beyond")):
-            file.write(share, text)
+            while not hasattr(engine, "file"):
+                await asyncio.sleep(0.001)
+            engine.file.write(share, text)
             while (min(share, 1.0), text) not in told:
                 await asyncio.sleep(0.001)
-        return "done"
+        engine.file.write(0.75, "at the end")
+        engine.work.set_result("done")
+        return await waiting
 
-    assert asyncio.run(followed(work(), path, lambda *said: told.append(said))) == "done"
-    assert list(dict.fromkeys(told)) == [(0.25, "reading"), (0.5, "fitting"), (1.0, "beyond")]
-
-
-def test_all_is_told_of_work_that_is_done_at_once(tmp_path: Path) -> None:
-    told: list[tuple[float, str]] = []
-    path = tmp_path / "progress"
-    ProgressFile(path).write(0.9, "of other work")
-
-    async def work() -> None:
-        file = ProgressFile(path)
-        for share in (0.25, 0.5, 1.0):
-            file.write(share, f"{share:.0%}")
-
-    asyncio.run(followed(work(), path, lambda *said: told.append(said)))
-    assert told == [(0.25, "25%"), (0.5, "50%"), (1.0, "100%")]
-
-
-def test_the_first_share_is_told_however_soon_it_comes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(files, "_LEAST_SECONDS", 60.0)
-    file = ProgressFile(tmp_path / "progress")
-    for share in (0.0, 0.0, 0.1, 0.2, 1.0):
-        file.write(share)
-    assert file.news() == [(0.0, ""), (0.1, "")]
-
-
-def test_half_a_line_waits_for_its_end_and_a_broken_one_is_passed_over(tmp_path: Path) -> None:
-    path = tmp_path / "progress"
-    file = ProgressFile(path)
-    assert file.news() == []
-    path.write_text('[0.25, "reading"]\n[0.5')
-    assert file.news() == [(0.25, "reading")]
-    with path.open("a") as writer:
-        writer.write(', "fitting"]\n[0.6, "wri[0.1, "again"]\n')
-    assert file.news() == [(0.5, "fitting")]
-    assert file.news() == []
+    assert asyncio.run(main()) == "done"
+    assert list(dict.fromkeys(told)) == [
+        *((0.25, "reading"), (0.5, "fitting"), (1.0, "beyond")),
+        (0.75, "at the end"),
+    ]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_who_stops_waiting_stops_the_work(tmp_path: Path) -> None:
-    ended: list[str] = []
-
-    async def work() -> None:
-        try:
-            await asyncio.sleep(60)
-        except asyncio.CancelledError:
-            ended.append("cancelled")
-            raise
+    engine = NoWorker()
 
     async def main() -> None:
-        waiting = asyncio.create_task(followed(work(), tmp_path / "none", lambda *_: None))
+        following = analysis_with(engine, tmp_path).followed(lambda *_: None, abs)
+        waiting = asyncio.create_task(following)
         await asyncio.sleep(0.02)
         waiting.cancel()
         with pytest.raises(asyncio.CancelledError):
             await waiting
-        await asyncio.sleep(0)
+        await asyncio.sleep(0.01)
 
     asyncio.run(main())
-    assert ended == ["cancelled"]
+    assert engine.work.cancelled()
 
 
 def test_what_fails_fails_where_it_is_waited_for(tmp_path: Path) -> None:
-    async def work() -> None:
-        raise ValueError("no")
-
+    engine = NoWorker()
+    engine.work.set_exception(ValueError("no"))
+    following = analysis_with(engine, tmp_path).followed(lambda *_: None, abs)
     with pytest.raises(ValueError, match="no"):
-        asyncio.run(followed(work(), tmp_path / "none", lambda *_: None))
+        asyncio.run(following)
 
 
-def test_a_file_is_not_written_more_often_than_it_is_read(
+def test_what_is_no_progress_is_passed_over(tmp_path: Path) -> None:
+    file = ProgressFile(tmp_path / "progress")
+    assert file.read() is None
+    for content in ("", "[0.5", "[]", "{}", "3", '["a", "b"]', "[" * 100_000):
+        (tmp_path / "progress").write_text(content)
+        assert file.read() is None, content
+
+
+def test_a_stage_is_told_at_once_and_its_shares_now_and_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(files, "_LEAST_SECONDS", 60.0)
     file = ProgressFile(tmp_path / "progress")
     for share in (0.1, 0.2, 0.3):
         file.write(share)
-    assert file.news() == [(0.1, "")]
+    assert file.read() == (0.1, "")
+    file.write(0.4, "fitting")
+    assert file.read() == (0.4, "fitting")
 
 
 def test_encoding_tells_how_far_it_is(tmp_path: Path) -> None:
@@ -129,4 +139,4 @@ def test_encoding_tells_how_far_it_is(tmp_path: Path) -> None:
         sequences.encode_sequence(kept, EncodingTarget(rms=0.5), output, progress)
     assert shares == sorted(shares)
     assert any(0.0 < share < 1.0 for share in shares)
-    assert ProgressFile(progress).news()[-1] == (1.0, "encoding")
+    assert ProgressFile(progress).read() == (1.0, "encoding")

@@ -13,8 +13,8 @@ from modalmotion.formats import ReadOptions, read_sequence, write_npz
 from modalmotion.formats.ply import write_ply
 from modalmotion.mesh import Facts
 from modalmotion.tracking.hdf5 import track_to_hdf5
-from modalmotion.tracking.parameters import TrackParameters, sequence_of
 from modalmotion.tracking.reading import read_observed
+from modalmotion.tracking.recordings import sequence_of, track
 
 BALL = breathing_spheroid(2)
 
@@ -26,15 +26,15 @@ def test_a_sequence_of_one_mesh_is_read_as_it_is(tmp_path: Path) -> None:
 
 def test_a_track_is_its_sequence_with_its_errors(tmp_path: Path) -> None:
     (tmp_path / "clouds.npz").write_bytes(small_recording(2))
-    track = TrackParameters(modes=4).follow(read_observed(tmp_path / "clouds.npz"))
-    (tmp_path / "beat.h5").write_bytes(track_to_hdf5(track))
+    made = track(read_observed(tmp_path / "clouds.npz"), modes=4)
+    (tmp_path / "beat.h5").write_bytes(track_to_hdf5(made))
     found = sequence_of(tmp_path / "beat.h5", ReadOptions(facts=Facts(cavity="lv")))
-    assert found.id == track.sequence.id
+    assert found.id == made.sequence.id
     assert (found.facts.tracking, found.facts.cavity) == ("normal_displacement", "lv")
     assert found.uncertainty is not None
     # To who reads bytes, it is a sequence like any other.
     read = read_sequence((tmp_path / "beat.h5").read_bytes())
-    assert (read.sequence.id, read.sequence.facts) == (track.sequence.id, track.sequence.facts)
+    assert (read.sequence.id, read.sequence.facts) == (made.sequence.id, made.sequence.facts)
     assert read.notes[0].startswith("The file is a track")
 
 

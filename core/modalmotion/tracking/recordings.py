@@ -1,0 +1,265 @@
+"""Tracks of recordings: of files, of what is in memory, and of one image."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modalmotion.errors import ConnectivityError, InputError, ParameterError, ShapeError
+from modalmotion.formats import ReadOptions, read_sequence
+from modalmotion.formats.frame import TRACK
+from modalmotion.formats.parser.process import ParserProcess
+from modalmotion.formats.result import Parser, Reading
+from modalmotion.images import ImageSequence
+from modalmotion.images.sequence import Images, images_in
+from modalmotion.mesh import NO_FACTS, UNKNOWN, Facts, facts_patched
+from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.progress import Progress
+from modalmotion.tracking.hdf5 import kept_track
+from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
+from modalmotion.tracking.label_values import is_label_map
+from modalmotion.tracking.landmarks import Proposed, as_places, landmarks_of
+from modalmotion.tracking.making import Start, motion_in
+from modalmotion.tracking.observation import of_surface
+from modalmotion.tracking.parameters import (
+    USUAL_MODES,
+    TrackParameters,
+    require_surface_tracking,
+)
+from modalmotion.tracking.reading import Recorded, read_observed, recorded_images
+from modalmotion.tracking.result import Papillary, Track
+
+
+def track(
+    observed: MeshSequence | Images | Recorded | Sequence[Any] | Path,
+    *,
+    start: Start | None = None,
+    facts: Facts = NO_FACTS,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Track:
+    """Track a surface through what does not correspond from frame to frame.
+
+    Parameters
+    ----------
+    observed : str or Path, MeshSequence, ImageSequence, Volume, PlaneSet, Recorded or sequence
+        A file or folder of images, label maps, clouds, contours or changing meshes; or these in
+        memory: images, or for each frame an array (n, 3) of points, a mesh (vertices, faces) of
+        any connectivity, an `Observation` or several, or None where the frame is missing. Images
+        are in LPS mm, and need the landmarks apex and base where they are no label map.
+    start : MeshSequence or Template, optional
+        A surface whose vertices the result has. Without it a spheroid, tube, sheet, ellipse or line
+        is placed by landmarks and brought to the reference frame's points.
+    facts : Facts, optional
+        Of the sequence that is found; its period is that of the cycle.
+    progress : callable, optional
+        Called with the number of steps done and of all.
+    **options
+        The fields of `TrackParameters`: landmarks, unit, modes and others.
+
+    Returns
+    -------
+    Track
+        With the notes of the files before its own.
+
+    Raises
+    ------
+    InputError
+        Naming the frame, the limit and the remedy.
+
+    Examples
+    --------
+    >>> import modalmotion as mm
+    >>> beat = mm.simulate_ventricle(grid=(12, 16), acquisition=mm.Acquisition(n_frames=4))
+    >>> mm.track([*beat.vertices.astype(float)], unit="mm", modes=4).n_frames
+    4
+    """
+    names = [one.name for one in fields(TrackParameters)]
+    if unknown := [name for name in options if name not in names]:
+        raise ParameterError(
+            f"track() has no option {unknown[0]!r}.",
+            remedy=f"Its options are {', '.join(names)}.",
+        )
+    parameters = TrackParameters(**options)
+    if isinstance(observed, MeshSequence):
+        facts = replace(facts, period=facts.period or observed.facts.period)
+        surfaces = tuple(of_surface(x, observed.faces) for x in observed.vertices)
+        observed = Recorded(surfaces, {}, observed.times, observed.unit)
+    elif isinstance(observed, Path):
+        observed = read_observed(observed, labels=parameters.labels, coordinates=facts.coordinates)
+    elif not isinstance(observed, Recorded):
+        images = images_in(observed)
+        observed = Recorded(tuple(observed), {}) if images is None else recorded_images(images)  # type: ignore[arg-type]
+    return follow(observed, parameters, start=start, facts=facts, progress=progress)
+
+
+def follow(
+    recorded: Recorded,
+    parameters: TrackParameters,
+    *,
+    start: Start | None = None,
+    facts: Facts = NO_FACTS,
+    progress: Progress | None = None,
+) -> Track:
+    """Track what was recorded; see `track`."""
+    require_surface_tracking(facts)
+    recorded, proposed = _labelled(recorded, parameters)
+    times: Any = recorded.times if parameters.times is None else parameters.times
+    if isinstance(times, float | int):
+        times = times * np.arange(recorded.n_frames, dtype=np.float64)
+    if recorded.images is not None and parameters.unit not in (None, "mm"):
+        raise ParameterError(
+            f"The unit {parameters.unit!r:.20} is stated, but images are placed in mm.",
+            remedy="Omit the unit, and give landmarks in mm.",
+        )
+    stated = replace(
+        parameters,
+        landmarks={**proposed, **recorded.landmarks, **(parameters.landmarks or {})},
+        times=times,
+        unit=parameters.unit or recorded.unit,
+    )
+    result = motion_in(recorded, stated, start=start, period=facts.period, progress=progress)
+    facts = result.sequence.facts.over(facts)
+    if recorded.coordinates is not None and facts.coordinates == UNKNOWN:
+        facts = facts_patched(facts, {"coordinates": recorded.coordinates})
+    # Notes of images are the track's own already.
+    notes = tuple(dict.fromkeys((*recorded.notes, *result.notes)))
+    return replace(result, sequence=result.sequence.with_facts(facts), notes=notes)
+
+
+def _labelled(
+    recorded: Recorded, parameters: TrackParameters
+) -> tuple[Recorded, Mapping[str, Proposed]]:
+    """Turn label maps to images, with the landmarks that they propose."""
+    images, labels = recorded.images, parameters.labels
+    if images is None:
+        if labels and not recorded.are_typed:
+            raise ParameterError(
+                "A label is named, but the recording is no label map and has no typed contours.",
+                remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
+            )
+        return recorded, {}
+    if not labels and not is_label_map(images):
+        return recorded, {}
+    try:
+        values = [int(label) for label in labels]
+    except ValueError:
+        raise ParameterError(
+            f"The label {labels[0]!r:.40} is no whole number, as those of a label map are.",
+            remedy="Name the cavity by --label VALUE.",
+        ) from None
+    made = from_labels(images, values)
+    stated = {**recorded.landmarks, **(parameters.landmarks or {})}
+    outside = notes_on_landmarks(images, stated, parameters.reference or 0)
+    notes = (*made.images.notes, *outside)
+    return replace(recorded, images=made.images, notes=notes), made.landmarks
+
+
+def sequence_of(
+    source: Path, options: ReadOptions | None = None, *, parser: Parser | None = None
+) -> MeshSequence:
+    """Read a recording as a sequence; what holds no one mesh is tracked.
+
+    A track's own file is its sequence, with the errors that it states. Clouds and contours are
+    tracked as they come; meshes of changing connectivity only where the facts state
+    `tracking` normal_displacement, for a mesh that ought to have been one is a mistake. Landmarks
+    of the facts, apex and base as points, place the start.
+
+    Parameters
+    ----------
+    source : Path
+    options : ReadOptions, optional
+        Its topology is that of the start, too.
+    parser : Parser, optional
+        Parser to reuse for many files; its own limits then apply.
+
+    Raises
+    ------
+    InputError
+        If it can neither be read nor tracked.
+    """
+    options = ReadOptions() if options is None else options
+    if parser is None:
+        with ParserProcess(options.limits) as own:
+            return sequence_of(source, options, parser=own)
+    try:
+        sequence = read_sequence(source, options, parser=parser).sequence
+        kept = kept_track(source)
+        return sequence if kept is None else options.apply(Reading(kept.sequence)).sequence
+    except InputError as error:
+        if TRACK not in error.remedy:
+            raise
+        is_mesh = isinstance(error, ShapeError | ConnectivityError)
+        if is_mesh and options.facts.tracking != "normal_displacement":
+            error.remedy += (
+                " In a table of files state tracking normal_displacement in its row to track it."
+            )
+            raise
+    return track(
+        read_observed(source, coordinates=options.facts.coordinates, parser=parser),
+        facts=options.facts,
+        topology=options.topology,
+        landmarks=landmarks_of(options.facts),
+        unit=options.unit,
+        times=options.times if options.frame_interval is None else options.frame_interval,
+    ).sequence
+
+
+def segment(
+    images: Images,
+    *,
+    landmarks: Mapping[str, Any] | None = None,
+    frame: int = 0,
+    start: Start | None = None,
+    modes: int = USUAL_MODES,
+    papillary: Papillary = "pool",
+    labels: tuple[str | int, ...] = (),
+    progress: Progress | None = None,
+) -> Track:
+    """Find a surface in one image.
+
+    Parameters
+    ----------
+    images : Volume, PlaneSet or ImageSequence
+        In LPS mm; of a sequence one frame is read.
+    landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, mm, optional
+        Needed of images that are no label map.
+    frame : int
+    start : MeshSequence or Template, optional
+    modes, papillary, labels, progress : optional
+        As of `TrackParameters` and `track`.
+
+    Returns
+    -------
+    Track
+        Of one frame: its surface with a standard deviation at each vertex, and its volume.
+
+    Raises
+    ------
+    InputError
+        As `track` does, or if there is no such frame.
+    """
+    sequence = images_in(images)
+    if sequence is None:
+        raise ShapeError(
+            f"A {type(images).__name__} is no image.",
+            remedy="Give a Volume, a PlaneSet or an ImageSequence.",
+        )
+    if not 0 <= frame < sequence.n_frames or sequence.frames[frame] is None:
+        raise ParameterError(
+            f"There is no image in frame {frame}: there are {sequence.n_frames} frames.",
+            remedy="Name a frame that has one, counted from 0.",
+            frame=frame,
+        )
+    places = {name: as_places(name, value) for name, value in (landmarks or {}).items()}
+    each = (sequence.n_frames, 3)
+    own = {name: one[frame] if one.shape == each else one for name, one in places.items()}
+    one = ImageSequence((sequence.frames[frame],), notes=sequence.notes)
+    parameters = TrackParameters(
+        landmarks=own, time="open", modes=modes, papillary=papillary, labels=tuple(labels)
+    )
+    return follow(recorded_images(one), parameters, start=start, progress=progress)
