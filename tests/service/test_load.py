@@ -67,20 +67,26 @@ RAW: dict[str, Any] = {"format": "raw", "grid": GRID, "topology": "cup", "unit":
 
 
 def bodies_in_memory(
-    service: RunningService, n_at_once: int, call: Callable[[Client, int], object], size: int
+    service: RunningService,
+    n_at_once: int,
+    call: Callable[[Client, int], object],
+    size: int,
+    limit: float,
 ) -> float:
-    """Peak above idle while requests are under way, in bodies a request."""
+    """Peak above idle while requests are under way, in bodies a request.
+
+    A busy machine lets other peaks coincide: the first of three within the limit counts.
+    """
     with Client(service.base) as client, ThreadPoolExecutor(n_at_once) as threads:
         # Everything is imported and the small things are cached before it is measured.
         small = mm.simulate_ventricle(rng=np.random.default_rng(1))
         list(threads.map(lambda _: client.signature_of(small), range(2 * N_WORKERS)))
-        idle, peaks = service.memory(), []
-        # A busy machine lets other peaks coincide: the least of three counts.
-        for _ in range(3):
+        idle, found = service.memory(), list[float]()
+        while len(found) < 3 and min(found, default=np.inf) > limit:
             with peak_of(service) as seen:
                 list(threads.map(lambda k: call(client, k), range(2 * n_at_once)))
-            peaks.append(max(seen) - idle)
-    return min(peaks) / (n_at_once * size)
+            found.append((max(seen) - idle) / (n_at_once * size))
+    return min(found)
 
 
 @pytest.mark.every(3)
@@ -103,7 +109,7 @@ def test_uploads_of_20_mb_take_at_most_four_bodies_each(
             return client.upload(raws[number % 2], label=str(number % 2), **RAW)
         return client.upload(sequences[number % 2])
 
-    found = bodies_in_memory(service, N_WORKERS, call, size)
+    found = bodies_in_memory(service, N_WORKERS, call, size, 4.0)
     with capsys.disabled():
         print(f"\n{kind}, {N_WORKERS} at once: {found:.2f} bodies a request")  # noqa: T201
     assert found <= 4.0

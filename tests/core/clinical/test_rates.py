@@ -51,6 +51,7 @@ def test_the_cycle_closes_only_where_a_period_says_so() -> None:
     assert rates_of(shifted).cardiac_output is None
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("n", [16, 25, 41])
 @pytest.mark.parametrize("how", ["cycle", "repeat", "open"])
 def test_the_bound_holds_the_peak_of_the_continuous_curve(n: int, how: str) -> None:

@@ -12,14 +12,15 @@ from matplotlib.figure import Figure
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.pictures.track import data_figure, determined_figure, deviations_figure
-from modalmotion.tracking import track
+from modalmotion.tracking import Track, track
 
-BEAT = breathing_spheroid(4)
-RNG = np.random.default_rng(0)
-CLOUDS = [sampled(x, BEAT.faces, 150, RNG, 0.3) for x in BEAT.vertices]
-CLOUDS[1][:8] *= 1.7
-OBSERVED = [*CLOUDS[:2], None, CLOUDS[3]]
-TRACK = track(OBSERVED, modes=7, unit="mm")
+
+@pytest.fixture(scope="module")
+def found() -> Track:
+    beat, rng = breathing_spheroid(4), np.random.default_rng(0)
+    clouds = [sampled(x, beat.faces, 150, rng, 0.3) for x in beat.vertices]
+    clouds[1][:8] *= 1.7
+    return track([*clouds[:2], None, clouds[3]], modes=7, unit="mm")
 
 
 def drawn(figure: Figure) -> bytes:
@@ -28,8 +29,8 @@ def drawn(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def test_points_lie_over_the_surface_of_each_frame() -> None:
-    figure = data_figure(TRACK)
+def test_points_lie_over_the_surface_of_each_frame(found: Track) -> None:
+    figure = data_figure(found)
     assert [axes.get_title() for axes in figure.axes] == [
         "frame 0",
         "frame 1",
@@ -41,22 +42,22 @@ def test_points_lie_over_the_surface_of_each_frame() -> None:
     assert drawn(figure).startswith(b"\x89PNG")
 
 
-def test_a_track_without_its_data_says_so() -> None:
+def test_a_track_without_its_data_says_so(found: Track) -> None:
     with pytest.raises(ParameterError, match="not contain the data"):
-        data_figure(replace(TRACK, data=None))
+        data_figure(replace(found, data=None))
 
 
-def test_stated_error_is_drawn_across_the_surface_and_along_it() -> None:
-    figure = deviations_figure(TRACK, 1)
+def test_stated_error_is_drawn_across_the_surface_and_along_it(found: Track) -> None:
+    figure = deviations_figure(found, 1)
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert labels.count("standard deviation (mm)") == 2
     assert drawn(figure).startswith(b"\x89PNG")
 
 
-def test_share_of_each_mode_that_the_data_set() -> None:
-    figure = determined_figure(TRACK)
+def test_share_of_each_mode_that_the_data_set(found: Track) -> None:
+    figure = determined_figure(found)
     heights = [patch.get_height() for patch in figure.axes[0].patches]  # type: ignore[attr-defined]
-    assert heights == pytest.approx(100 * TRACK.determined.T.ravel())
+    assert heights == pytest.approx(100 * found.determined.T.ravel())
     assert "of 7 modes" in figure.axes[0].get_title()
 
 

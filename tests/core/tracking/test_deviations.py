@@ -94,10 +94,10 @@ def test_where_the_reference_has_a_hole_its_shape_is_open_in_all_frames(
     ball = breathing_spheroid(3)
     clouds = []
     for x in ball.vertices.astype(np.float64):
-        points = sampled(x, ball.faces, 1500, rng, noise=0.5)
+        points = sampled(x, ball.faces, 800, rng, noise=0.5)
         clouds.append(points[points[:, 0] < 12.0])
-    whole = [sampled(x.astype(np.float64), ball.faces, 1500, rng, 0.5) for x in ball.vertices]
-    holed, full = (track(frames, modes=18) for frames in (clouds, whole))
+    whole = [sampled(x.astype(np.float64), ball.faces, 800, rng, 0.5) for x in ball.vertices]
+    holed, full = (track(frames, modes=12) for frames in (clouds, whole))
     unseen, seen = (holed.template.vertices[:, 0] > 16.0, holed.template.vertices[:, 0] < 8.0)
     assert unseen.any()
     for own in holed.deviations[:, :, 0]:

@@ -244,7 +244,7 @@ def test_nothing_serious_stands_in_anyone_s_way(chromium: Browser, beat_page: st
 
 @pytest.mark.thorough
 def test_a_lost_context_comes_back_with_the_same_picture(chromium: Browser, beat_page: str) -> None:
-    with chromium.open(beat_page) as opened:
+    with chromium.open(beat_page, device_scale_factor=1) as opened:
         page = opened.shown().page
         page.evaluate("modalmotion.seek(modalmotion.motions[0].times[4])")
         picture = "(() => { modalmotion.show(); return modalmotion.canvas.toDataURL(); })()"

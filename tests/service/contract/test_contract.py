@@ -177,15 +177,15 @@ def conform(label: str, service: Service, max_examples: int, seed_is_fixed: bool
         answered_as_described()
 
 
-def cover(label: str, service: Service, every: int) -> None:
-    """Send the cases that the document's own bounds lead to, or every n-th of them."""
+def cover(label: str, service: Service, every: int, most: int | None = None) -> None:
+    """Send the cases that the document's own bounds lead to, or every n-th of the first of them."""
     operation = OPERATIONS[label]
     cases = SCHEMA.iter_coverage_cases(
         operation,
         generation_modes=list(GenerationMode),
         generation_config=SCHEMA.config.generation_for(operation=operation),
     )
-    for case in itertools.islice(cases, 0, None, every):
+    for case in itertools.islice(cases, 0, most, every):
         service.check(case)
 
 
@@ -197,7 +197,7 @@ def last_first(label: Any) -> tuple[bool, str]:
 @pytest.mark.parametrize("label", sorted(OPERATIONS, key=last_first))
 def test_every_call_is_answered_as_described(service: Service, label: str) -> None:
     conform(label, service, 1, seed_is_fixed=True)
-    cover(label, service, every=24)
+    cover(label, service, every=24, most=200)
     assert sum(service.statuses[label].values()) >= 1
 
 
