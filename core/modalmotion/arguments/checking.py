@@ -163,8 +163,6 @@ def _is_told_within(value: Any, hint: Any) -> bool:
 
 def _meant(value: Any, hint: Any) -> Any:
     """Give what a value represents where that is clear; None if nothing."""
-    import numpy as np
-
     if isinstance(value, str) and _fits(Path(value), hint):
         return Path(value)
     if isinstance(value, (list, tuple)) and value:
@@ -189,8 +187,6 @@ def _meant(value: Any, hint: Any) -> Any:
 
 def _made(value: Any, kind: Any) -> Any:
     """Make a value of a kind of what it is usually made of; None of anything else."""
-    import numpy as np
-
     import modalmotion as mm
 
     name, is_path = getattr(kind, "__name__", ""), isinstance(value, (str, Path))
@@ -248,8 +244,6 @@ def _fits(value: Any, hint: Any) -> bool:
 
 def _is_array(value: Any, inner: tuple[Any, ...]) -> bool:
     """Whether a value is an array of numbers, whole ones where these are meant."""
-    import numpy as np
-
     if not isinstance(value, np.ndarray) or value.ndim == 0:
         return False
     (scalar,) = typing.get_args(inner[1]) if inner else (np.generic,)
@@ -322,7 +316,7 @@ def whole(name: str, value: Any) -> int:
     ------
     ParameterError
     """
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+    if not _is_whole(value):
         raise _refusal(name, value, "a whole number", f"{name}=7")
     return int(value)
 
@@ -334,13 +328,15 @@ def whole_numbers(name: str, values: Any) -> tuple[int, ...]:
     ------
     ParameterError
     """
-    if isinstance(values, str) or not np.iterable(values):
+    numbers = None if isinstance(values, str) or not np.iterable(values) else tuple(values)
+    if numbers is None or not all(map(_is_whole, numbers)):
         raise _refusal(name, values, "a tuple of whole numbers", f"{name}=(32, 64)")
-    numbers = list(values)
-    for value in numbers:
-        if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
-            raise _refusal(name, values, "a tuple of whole numbers", f"{name}=(32, 64)")
     return tuple(map(int, numbers))
+
+
+def _is_whole(value: Any) -> bool:
+    is_truth = isinstance(value, bool | np.bool_)
+    return isinstance(value, int | np.integer) and not is_truth
 
 
 def real(name: str, value: Any) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 import numpy as np
 
-from modalmotion.cli.files import Waiting, progress_bar, sequence_argument
+from modalmotion.cli.files import Waiting, each_labelled, read, sequence_argument
 from modalmotion.cli.options import (
     EXISTING,
     EXISTING_FILE,
@@ -36,7 +36,7 @@ from modalmotion.pictures.readouts import bulls_eye_figure, most_moved, volume_f
 from modalmotion.representation import counted, numeral
 
 if TYPE_CHECKING:
-    from modalmotion.classification.manifest import LabelledFile
+    from modalmotion.classification import TrainingCase
     from modalmotion.reports import Report
 
 
@@ -152,19 +152,18 @@ def score(truth: Path, answer: Path) -> Any:
     """
     from modalmotion.clinical.score import PUBLISHED
     from modalmotion.clinical.score import score as scored
-    from modalmotion.formats import read_sequence
     from modalmotion.formats.npz import read_arrays
     from modalmotion.tracking.hdf5 import track_from_hdf5
 
     deviations = None
     if answer.suffix.lower() in (".h5", ".hdf5"):
-        found = track_from_hdf5(answer.read_bytes())
+        found = track_from_hdf5(answer)
         estimated, deviations = found.sequence, found.deviations[:, :, 0]
     else:
-        estimated = read_sequence(answer).sequence
+        estimated = read(answer)
         if answer.suffix.lower() == ".npz":
             deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
-    result = asdict(scored(read_sequence(truth).sequence, estimated, deviations))
+    result = asdict(scored(read(truth), estimated, deviations))
     note = (
         f"Published end-point errors are {PUBLISHED} mm, of other recordings and landmarks; "
         "distances along the normal do not see motion within the surface and are smaller."
@@ -209,7 +208,7 @@ def train(
     from modalmotion.norm import norm_to_hdf5, train_norm
     from modalmotion.store import write_atomic
 
-    cases, left_out = _read(sources, unit, skip_unreadable, lambda case, _: case)
+    cases, left_out = each_labelled(sources, lambda case: case, skips=skip_unreadable, unit=unit)
     result = train_norm(cases, name=name, modes=modes, topology=topology)
     write_atomic(out, norm_to_hdf5(result))
     return {**result.as_json(), "left_out": left_out}
@@ -241,10 +240,10 @@ def ask(
 
     controls = norm_from_hdf5(norm_file)
 
-    def read(case: Any, name: str) -> Any:
-        return controls.read(case.motion, subject=case.subject, name=name)
+    def compared(case: TrainingCase) -> Any:
+        return controls.read(case.motion, subject=case.subject, name=case.name)
 
-    readings, left_out = _read(sources, unit, skip_unreadable, read)
+    readings, left_out = each_labelled(sources, compared, skips=skip_unreadable, unit=unit)
     together = cohort_deviation(controls, readings, level=level)
     answers = [(r.name, one) for r, one in zip(readings, together.deviations, strict=True)]
     lines = [f"{name}\n{answer.lines}" for name, answer in answers]
@@ -257,30 +256,3 @@ def ask(
         "left_out": left_out,
     }
     return found, [*lines, *left_out]
-
-
-def _read(
-    sources: tuple[Path, ...],
-    unit: str | None,
-    skip_unreadable: bool,
-    use: Callable[[Any, str], Any],
-) -> tuple[list[Any], list[str]]:
-    """Read files, each for a use; those that cannot be used may be left out, and are named."""
-    from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
-    from modalmotion.classification.manifest import LabelledSequence, labelled_files
-
-    used: list[Any] = []
-    left_out: list[LeftOut] = []
-    files: list[LabelledFile] = labelled_files(
-        sources, skip_unreadable=skip_unreadable, needs_label=False
-    )
-    with progress_bar(files, label="recordings") as bar:
-        for file in bar:
-            source = LabelledSequence(file, {"unit": unit})
-            try:
-                used.append(use(source.read(), source.name))
-            except UNUSABLE as error:
-                if not skip_unreadable:
-                    raise
-                left_out.append(LeftOut.of(error, source.name))
-    return used, list(left_out_notes(left_out))

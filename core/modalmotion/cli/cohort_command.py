@@ -153,7 +153,8 @@ class _Work:
             for signed in Parallel(return_as="generator_unordered")(work) if left else ():
                 row = _row(signed, parameters.key)
                 if signed.record is not None and signed.signature is not None:
-                    _keep(store, signed.record, signed.signature, signed.vertices)
+                    store.put_sequence_image(signed.vertices, signed.record)
+                    store.put_signature(signed.signature)
                     done[row["path"], row["stamp"]] = row
                     self.n_made += 1
                 else:
@@ -227,16 +228,6 @@ def _here(file: LabelledFile) -> Iterator[Path]:
         with fsspec.open(file.url, "rb") as there, path.open("wb") as here:
             shutil.copyfileobj(there, here)
         yield path
-
-
-def _keep(
-    store: ResultStore, record: SequenceRecord, signature: ModalSignature, vertices: bytes
-) -> None:
-    with tempfile.NamedTemporaryFile(dir=store.root) as image:
-        image.write(vertices)
-        image.flush()
-        store.put_sequence_image(Path(image.name), record)
-    store.put_signature(signature)
 
 
 def _known(table: Path, store: ResultStore, settings: str) -> dict[tuple[str, str], dict[str, Any]]:

@@ -11,8 +11,9 @@ import click
 from modalmotion.cli.files import (
     Waiting,
     counting,
+    each_labelled,
     fitted,
-    progress_bar,
+    naming,
     read,
     sequence_argument,
     stated_facts,
@@ -27,19 +28,19 @@ from modalmotion.cli.options import (
     members,
     signature_parameters,
 )
-from modalmotion.errors import InputError, ModalMotionError, ParameterError, StoreError, named
+from modalmotion.errors import InputError, ParameterError, StoreError
 from modalmotion.exports.files import SURFACES, save
-from modalmotion.formats import ReadOptions, write_npz, write_raw, write_vtkhdf
+from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.formats.detect import STREAM
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.store import write_atomic
 
 if TYPE_CHECKING:
-    from modalmotion.classification.manifest import LabelledFile
+    from modalmotion.classification import TrainingCase
     from modalmotion.clinical import ClinicalReadouts
     from modalmotion.clinical.ventricle import VentricleReadouts
-    from modalmotion.exports.tables import Recording, Table
+    from modalmotion.exports.tables import Table
     from modalmotion.mesh.sequence import MeshSequence
     from modalmotion.signature.making import ModalSignature, SignatureParameters
 
@@ -124,7 +125,8 @@ def decode(
 
     write = _WRITERS[output.suffix.lower()]
     data = stream.read_bytes()
-    header = inspect(data)
+    with naming(stream):
+        header = inspect(data)
     frames = _span(first, stop, header.n_frames)
     vertices = _span(first_vertex, stop_vertex, header.n_vertices)
     sequence = expand(data, frames=frames, vertices=vertices)
@@ -194,7 +196,8 @@ def show(file: Path) -> Any:
     if head.startswith(STREAM):
         from modalmotion.codec.decoder import inspect
 
-        header = inspect(file.read_bytes())
+        with naming(file):
+            header = inspect(file.read_bytes())
         return {**_shown("compressed sequence", header), "bytes": file.stat().st_size}
     if head == SIGNATURE:
         kind = ""
@@ -233,7 +236,8 @@ def _images(file: Path) -> dict[str, Any]:
     from modalmotion.images import Volume
     from modalmotion.tracking.label_values import is_label_map, values_in
 
-    images = read_images(file)
+    with naming(file):
+        images = read_images(file)
     first = next(frame for frame in images.frames if frame is not None)
     content = {"content": "images", "frames": images.n_frames, "period": images.period}
     if isinstance(first, Volume):
@@ -312,42 +316,28 @@ def _cohort(
     manifest: Path, parameters: SignatureParameters, skips: bool, stated: dict[str, Any]
 ) -> Table:
     """Tabulate the recordings of a manifest; those that are left out are named."""
-    from modalmotion.classification.manifest import labelled_files
-    from modalmotion.exports.tables import cohort_table
+    from modalmotion.clinical import clinical_readouts
+    from modalmotion.exports.tables import Recording, cohort_table
+    from modalmotion.signature.making import modal_signature
 
-    files = labelled_files([manifest], skip_unreadable=skips, needs_label=False)
-    made = []
-    with progress_bar(files, label="recordings") as bar:
-        for file in bar:
-            try:
-                made.append(_recording(file, parameters, {**stated}))
-            except ModalMotionError as error:
-                if not skips:
-                    raise named(error, str(file.path)) from error
-                click.echo(f"left out: {file.path}: {error}", err=True)
+    def recording(case: TrainingCase) -> Recording:
+        sequence: Any = case.motion
+        signature = modal_signature(sequence, parameters)
+        readouts: ClinicalReadouts | None = None
+        with contextlib.suppress(InputError):
+            readouts = clinical_readouts(signature, sequence)
+        return Recording(case.name, signature, readouts, case.subject, case.label or None)
+
+    facts = stated_facts(stated)
+    made, notes = each_labelled([manifest], recording, skips=skips, facts=facts, **stated)
+    for note in notes:
+        click.echo(f"note: {note}", err=True)
     if not made:
         raise ParameterError(
             f"No recording of '{manifest}' can be tabulated.",
             remedy="Name files that can be read in its column path.",
         )
     return cohort_table(made)
-
-
-def _recording(
-    file: LabelledFile, parameters: SignatureParameters, stated: dict[str, Any]
-) -> Recording:
-    from modalmotion.clinical import clinical_readouts
-    from modalmotion.exports.tables import Recording
-    from modalmotion.signature.making import modal_signature
-    from modalmotion.tracking.recordings import sequence_of
-
-    options = ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
-    sequence = sequence_of(file.path, options)
-    signature = modal_signature(sequence, parameters)
-    readouts: ClinicalReadouts | None = None
-    with contextlib.suppress(InputError):
-        readouts = clinical_readouts(signature, sequence)
-    return Recording(str(file.path), signature, readouts, file.subject, file.label or None)
 
 
 def _frames(signature: ModalSignature, sequence: MeshSequence) -> Table:

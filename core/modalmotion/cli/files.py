@@ -6,9 +6,10 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 
 import click
 
@@ -20,15 +21,20 @@ from modalmotion.cli.options import (
     several,
     signature_parameters,
 )
-from modalmotion.errors import InputError, named
+from modalmotion.errors import ModalMotionError, named
 from modalmotion.exports.reading import read_recording
 from modalmotion.formats import ReadOptions
 from modalmotion.formats.named_arrays import RAW_TYPES
-from modalmotion.mesh import WORDS, Facts, facts_from_texts
+from modalmotion.mesh import NO_FACTS, WORDS, Facts, facts_from_texts
 from modalmotion.mesh.facts import stated_twice
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress, Stopwatch
 from modalmotion.signature.making import ModalSignature, modal_signature
+
+if TYPE_CHECKING:
+    from modalmotion.classification import TrainingCase
+
+T = TypeVar("T")
 
 _MANY: Final = {
     "landmark": (
@@ -183,17 +189,68 @@ def read(source: Path, **stated: Any) -> MeshSequence:
         Fields of `ReadOptions`, and options that state facts.
     """
     options = ReadOptions(facts=stated_facts(stated), **stated)
-    try:
-        with counting("frames") as bar:
-            result = read_recording(source, options, progress=bar)
-    except InputError as error:
-        is_named = f"'{source.name}'" in error.message
-        raise named(error, "" if is_named else source.name) from error
+    with naming(source), counting("frames") as bar:
+        result = read_recording(source, options, progress=bar)
     if result.ignored:
         click.echo(f"not used: {', '.join(result.ignored)}", err=True)
     for note in result.notes:
         click.echo(f"note: {note}", err=True)
     return result.sequence
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name a file in the errors of reading it, where they do not name it already."""
+    try:
+        yield
+    except ModalMotionError as error:
+        raise named(error, "" if f"'{path.name}'" in error.message else path.name) from error
+
+
+def each_labelled(
+    sources: Sequence[Path],
+    use: Callable[[TrainingCase], T],
+    *,
+    skips: bool,
+    facts: Facts = NO_FACTS,
+    **stated: Any,
+) -> tuple[list[T], list[str]]:
+    """Read recordings one by one, each for a use.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        A manifest, or files.
+    use : callable
+    skips : bool
+        Whether those that cannot be used are left out, and named in notes.
+    facts : Facts
+        Over those of the manifest.
+    **stated
+        Fields of `ReadOptions`.
+
+    Returns
+    -------
+    used : list
+    notes : list of str
+    """
+    from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
+    from modalmotion.classification.manifest import LabelledSequence, labelled_files
+
+    used: list[T] = []
+    left_out: list[LeftOut] = []
+    files = labelled_files(sources, skip_unreadable=skips, needs_label=False)
+    with progress_bar(files, label="recordings") as bar:
+        for file in bar:
+            source = LabelledSequence(replace(file, facts=facts.over(file.facts)), stated)
+            try:
+                used.append(use(source.read()))
+            except UNUSABLE as error:
+                is_named = source.name in error.message
+                if not skips:
+                    raise named(error, "" if is_named else source.name) from error
+                left_out.append(LeftOut.of(error, source.name))
+    return used, list(left_out_notes(left_out))
 
 
 def fitted(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 import numpy as np
 
-from modalmotion.cli.files import Waiting, fitted, sequence_argument
+from modalmotion.cli.files import Waiting, fitted, naming, sequence_argument
 from modalmotion.cli.options import (
     EXISTING,
     EXISTING_FILE,
@@ -155,7 +155,8 @@ def dicom(
     from modalmotion.reports.dicom import dicom_instances, read_study, require_space
     from modalmotion.store import write_atomic
 
-    header = read_study(study)
+    with naming(study):
+        header = read_study(study)
     with Waiting(source) as waiting:
         found = _reported(source, waiting, **options)
         require_space(found.sequence.facts, found.sequence.unit)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 import click
 import numpy as np
 
-from modalmotion.cli.files import Waiting, counting, read, stated_facts
+from modalmotion.cli.files import Waiting, counting, naming, read, stated_facts
 from modalmotion.cli.options import (
     EXISTING,
     MOVING,
@@ -26,7 +26,7 @@ from modalmotion.cli.options import (
     write_picture,
 )
 from modalmotion.errors import ParameterError
-from modalmotion.formats import read_sequence, write_npz
+from modalmotion.formats import write_npz
 from modalmotion.formats.ply import write_ply
 from modalmotion.formats.volumes import read_images
 from modalmotion.formats.volumes.reading import holds_images
@@ -98,7 +98,8 @@ def fitted_recording(
         is_stated = named["landmarks"] or named["labels"]
         is_tracked = is_stated or holds_images(source) or holds_contours(source)
         if is_tracked:
-            recorded = read_observed(source, labels=named["labels"])
+            with naming(source):
+                recorded = read_observed(source, labels=named["labels"])
         else:
             sequence = read(source, **options)
     if is_tracked:
@@ -114,7 +115,7 @@ def _followed(
 ) -> Track:
     landmarks, start = named.pop("landmarks"), named.pop("start")
     marks = stated_landmarks(landmarks, recorded, stated["unit"], stated.get("reference", 0))
-    surface = None if start is None else read_sequence(start).sequence
+    surface = None if start is None else read(start)
     return track_recorded(
         recorded, start=surface, progress=progress, landmarks=marks, **named, **stated
     )
@@ -152,7 +153,8 @@ def track(
     """
     named = {name: options.pop(name) for name in _TRACKING}
     with counting("frames") as progress:
-        recorded = read_observed(source, labels=named["labels"])
+        with naming(source):
+            recorded = read_observed(source, labels=named["labels"])
         if plot is not None and plot.suffix.lower() == MOVING:
             _require_images(recorded, picture)
         result = _followed(recorded, named, progress, times=times, **options)
@@ -198,8 +200,9 @@ def stated_landmarks(
     for text in texts:
         path = Path(text)
         if path.is_file():
-            file = read_landmark_file(path.read_bytes())
-            marks |= file.for_points(recorded.coordinates, unit or recorded.unit)
+            with naming(path):
+                file = read_landmark_file(path.read_bytes())
+                marks |= file.for_points(recorded.coordinates, unit or recorded.unit)
             continue
         name, _, place = text.partition("=")
         name, _, frame = name.partition("@")
@@ -278,9 +281,10 @@ def segment(
     plot
         Picture to write (.png, .svg, .pdf).
     """
-    images = read_images(source)
+    with naming(source):
+        images = read_images(source)
     marks = stated_landmarks(landmarks, recorded_images(images), None, frame)
-    surface = None if start is None else read_sequence(start).sequence
+    surface = None if start is None else read(start)
     result = segment_image(
         images, landmarks=marks, start=surface, frame=frame, modes=modes, **options
     )

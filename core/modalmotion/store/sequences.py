@@ -75,7 +75,7 @@ class SequenceStore(SequenceRecords):
 
     def put_sequence_image(
         self,
-        image: Path,
+        image: bytes | Path,
         record: SequenceRecord,
         *,
         subject: str | None = None,
@@ -85,7 +85,7 @@ class SequenceStore(SequenceRecords):
 
         Parameters
         ----------
-        image : Path
+        image : bytes or Path
             Sealed HDF5 file; it is copied.
         record : SequenceRecord
             Of the sequence in it; when it came, whose it is and what it shows are set here.
@@ -316,7 +316,7 @@ class SequenceStore(SequenceRecords):
             finish_deletion(self._folder, index, sequence_id)
 
 
-def _content(image: Path) -> bytes:
+def _content(image: bytes | Path) -> bytes:
     return load_sealed(image)[1]
 
 

@@ -213,3 +213,37 @@ def test_an_error_names_the_file_once(beat: Path, tmp_path: Path, command: str, 
     assert run.stderr.count("sent.npz") == 1
     assert ("Frame 1, vertex 2" in run.stderr) == (fault == "nan")
     assert not (tmp_path / f"out{OUTPUTS[command]}").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "decode {bad}.mms -o {out}.npz",
+        "show {bad}.mms",
+        "show {bad}.nii.gz",
+        "score {beat} {bad}.npz",
+        "score {beat} {bad}.h5",
+        "score {bad}.npz {beat}",
+        "dicom {beat} --study {bad}.dcm -o {out}",
+        "track {bad}.npz -o {out}.npz",
+        "segment {bad}.nii.gz -o {out}.ply",
+        "report {bad}.nii.gz -o {out}",
+    ],
+)
+def test_of_several_files_an_error_names_the_one_that_is_bad(
+    beat: Path, tmp_path: Path, words: str
+) -> None:
+    pytest.importorskip("pydicom")
+    heads = {
+        ".mms": b"MMSQ",
+        ".nii.gz": b"\x1f\x8b",
+        ".npz": b"PK\x03\x04",
+        ".h5": b"\x89HDF\r\n\x1a\n",
+    }
+    for suffix, head in {**heads, ".dcm": b""}.items():
+        (tmp_path / f"bad{suffix}").write_bytes(head + b" no such file")
+    named = {"bad": tmp_path / "bad", "out": tmp_path / "out", "beat": beat}
+    run = CliRunner().invoke(main, words.format(**named).split())
+    assert run.exit_code == 1
+    assert run.stderr.count("bad.") == 1
+    assert "beat.npz" not in run.stderr
