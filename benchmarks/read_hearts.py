@@ -142,13 +142,14 @@ def peak_rates(
             yield n, found.peak_filling_rate, found.filling_bound, slopes.max() / 1000
 
 
-def late_walls(seed: int) -> tuple[float, ...]:
+def dyssynchrony_of(labels: tuple[MotionClass, ...], seed: int) -> tuple[float, ...]:
     """Errors of the dyssynchrony index, without noise and with 1 mm of it; % inside."""
     off: dict[float, list[float]] = {0.0: [], 1.0: []}
     inside = []
     for k in range(12):
         state = [seed, k]
-        parameters = draw_parameters(MotionClass.DYSSYNCHRONY, np.random.default_rng(state))
+        label = labels[k % len(labels)]
+        parameters = draw_parameters(label, np.random.default_rng(state))
         simulated = partial(simulate_ventricle, parameters, grid=(24, 48))
         frames = (Acquisition(n_frames=n) for n in (400, 25))
         many, few = (simulated(acquisition=a, rng=np.random.default_rng(state)) for a in frames)

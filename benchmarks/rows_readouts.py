@@ -10,14 +10,16 @@ import numpy as np
 from experiments import Row, experiment, quick
 from read_hearts import (
     MESHES,
+    dyssynchrony_of,
     hearts,
     held_out_phases,
-    late_walls,
     noisy,
     peak_rates,
     read,
     shrinking_ellipsoid,
 )
+
+from modalmotion.simulate import MotionClass
 
 NOISES = (0.0, 0.6, 1.0, 1.5)
 FIGURES = {
@@ -99,7 +101,13 @@ experiment(
     ),
     Row("readouts.sdi.1", "the same, 1 mm of noise", "points", goal=1.5),
     Row("readouts.sdi.inside", "index of a late wall within its interval", "%", goal=(92.0, 100.0)),
-)(late_walls)
+)(partial(dyssynchrony_of, (MotionClass.DYSSYNCHRONY,)))
+
+experiment(
+    Row("readouts.sdi.even.0", "dyssynchrony index of no late wall off by", "points", goal=0.5),
+    Row("readouts.sdi.even.1", "the same, 1 mm of noise", "points", goal=1.5),
+    Row("readouts.sdi.even.inside", "the same within its interval", "%", goal=(92.0, 100.0)),
+)(partial(dyssynchrony_of, tuple(x for x in MotionClass if x != MotionClass.DYSSYNCHRONY)))
 
 experiment(
     Row("readouts.phases.off", "held-out frames off, of straight lines' error", goal=0.5),

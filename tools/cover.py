@@ -34,9 +34,13 @@ N_TRUE: Final = 200
 def drawn(kind: str, seed: int, n: int) -> Iterator[Found]:
     """Draw ventricles of all classes: what is true of each, and what is found of it."""
     if kind in ("maps", "images"):
-        kinds = ("ct",) if kind == "maps" else ("ct", "mri", "cine")
+        kinds = {"ct": 1.5} if kind == "maps" else {"ct": 1.5, "mri": 1.0, "cine": 1.0}
+        each = [
+            phantoms(one, seed + k, -(-n // len(kinds)), 3, coarseness=coarseness)
+            for k, (one, coarseness) in enumerate(kinds.items())
+        ]
         for k in range(n):
-            (one,) = phantoms(kinds[k % len(kinds)], seed + k, 1, 3, coarseness=1.5)
+            one = next(each[k % len(each)])
             made = labelled(one, 1.5) if kind == "maps" else None
             found = track(made.images, landmarks=made.landmarks) if made else tracked(one)
             yield true_of(one.truth), found

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from modalmotion.clinical import ClinicalReadouts as ClinicalReadouts
     from modalmotion.clinical import clinical_readouts as clinical_readouts
     from modalmotion.clinical.strain import Strain as Strain
-    from modalmotion.clinical.strain_of import strain as strain
+    from modalmotion.clinical.strain import strain as strain
     from modalmotion.codec import Encoded as Encoded
     from modalmotion.codec import decode as decode
     from modalmotion.codec import encode as encode

@@ -60,7 +60,7 @@ def sample_classification(sequence_id: str, model_id: str = MODEL) -> Classifica
         class_set=("normal",),
         coverage=0.9,
         flags=(),
-        explanation=(ModeContribution(("(0, 1, cos)", "(0, 1, sin)"), 1.25, 0.5, "mm"),),
+        explanation=(ModeContribution(("(0, 1, cos)", "(0, 1, sin)"), 1.25, 0.5, -0.75, "mm"),),
         notes=("made up",),
         provenance={"modalmotion": "0"},
     )

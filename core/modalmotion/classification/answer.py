@@ -49,6 +49,11 @@ _STRICT: Final = 0.995
 # Of the amplitudes: above it probabilities were too sure (docs/decisions/0039).
 _UNSURE: Final = 0.2
 
+# Of the motion of a mode, for the derivative by it; and the share of all motion below which modes
+# count as still.
+_GROWTH: Final = 1e-6
+_STILL: Final = 1e-3
+
 # Parameters that signatures must share with those of the model.
 _SAME: Final = ("remove_rotation", "components")
 
@@ -79,12 +84,17 @@ class ModeContribution:
         that of the next), beyond those of an average training case.
     amplitude : float, `unit`
         RMS over time of their deviation from the temporal mean.
+    per_unit : float
+        Change of the same logarithm for a unit more of that amplitude, to first order, the motion
+        of the modes growing evenly and the volume as it is; 0 where that is less than a thousandth
+        of the motion.
     unit : str or None
     """
 
     modes: tuple[str, ...]
     score: float
     amplitude: float
+    per_unit: float
     unit: str | None
 
 
@@ -413,7 +423,8 @@ def _explanation(
     features of several modes belong to none of them.
     """
     first, second = np.argsort(-probabilities, kind="stable")[:2]
-    lead = (features - model.centre) * (model.weights[:, first] - model.weights[:, second])
+    weights = model.weights[:, first] - model.weights[:, second]
+    lead = (features - model.centre) * weights
     signature = motion.signature
     moving = signature.amplitudes - signature.amplitudes.mean(axis=0)
     squares = np.einsum("fmi,fmi->m", moving, moving) / signature.n_frames
@@ -421,10 +432,13 @@ def _explanation(
     reads = model.reads @ of_group > 0.0
     alone = reads & (reads.sum(axis=1, keepdims=True) == 1)
     scores, sizes = (lead @ alone).tolist(), np.sqrt(squares @ of_group).tolist()
-    parts = [
-        ModeContribution(labels[k], scores[k], sizes[k], signature.unit)
-        for k in np.flatnonzero(alone.any(axis=0)).tolist()
-    ]
+    parts = []
+    for k in np.flatnonzero(alone.any(axis=0)).tolist():
+        per_unit = 0.0
+        if sizes[k] > _STILL * math.sqrt(squares.sum()):
+            change = _by_growth(model, motion, np.flatnonzero(of_group[:, k]), features)
+            per_unit = float(change @ weights) / sizes[k]
+        parts.append(ModeContribution(labels[k], scores[k], sizes[k], per_unit, signature.unit))
     return tuple(sorted(parts, key=lambda part: -abs(part.score)))
 
 
@@ -434,6 +448,19 @@ def _groups(modes: Modes) -> tuple[list[tuple[str, ...]], Array]:
     groups = waves_of(modes, walls=False).modes
     labels = [tuple(str(modes.labels[k]) for k in group) for group in groups]
     return labels, np.array([[float(k in group) for group in groups] for k in range(len(modes))])
+
+
+def _by_growth(model: Model, motion: Motion, modes: NDArray[np.int64], features: Array) -> Array:
+    """Differentiate the features by a factor of the motion of some modes, (features,)."""
+    grown = []
+    for table in model.tables:
+        if table.reads_motion:
+            terms = table.terms(motion).copy()
+            terms[:, modes[modes < table.n_modes]] *= 1.0 + _GROWTH
+            grown.append(table.values_of(terms, motion.modes))
+        else:
+            grown.append(table.values(motion))
+    return (np.concatenate(grown) - features) / _GROWTH
 
 
 def only_modes(signature: ModalSignature, modes: Iterable[str]) -> ModalSignature:

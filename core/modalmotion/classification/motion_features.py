@@ -400,12 +400,15 @@ class Extractor:
         Of parts about the axis in percent of the size, their roots where they have no sign; else
         the log of how much moves, and what share of it moves how.
         """
-        modes = first(motion.modes, self.n_modes)
         if self.what == VOLUME:
             return _volume(motion)
+        return self.values_of(self.terms(motion), motion.modes)
+
+    def values_of(self, terms: NDArray[Any], modes: Modes) -> Array:
+        """Features of a motion of which only the terms of all or the first modes are known."""
+        modes = first(modes, self.n_modes)
         if self.what == AXIS:
-            return axis_parts(motion.harmonics[:, : self.n_modes], modes, walls=self.walls)
-        terms = self.terms(motion)
+            return axis_parts(terms, modes, walls=self.walls)
         total = math.sqrt(float((np.abs(terms) ** 2).sum()))
         shares: NDArray[Any] = terms / total if total > 0.0 else terms
         waves = waves_of(modes, walls=self.walls)

@@ -28,8 +28,7 @@ from modalmotion.cli.options import (
 from modalmotion.cli.report_commands import quantity_lines
 from modalmotion.cli.track_commands import fitted_recording, tracking_options
 from modalmotion.clinical import VolumeCurve, clinical_readouts
-from modalmotion.clinical.plain import ventricle_json
-from modalmotion.clinical.ventricle import ventricle_readouts
+from modalmotion.clinical.ventricle import ventricle_json, ventricle_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.exports.tables import direction_names
 from modalmotion.hdf5.image import INTENDED_USE

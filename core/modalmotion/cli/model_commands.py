@@ -377,7 +377,8 @@ def _answer_lines(result: Classification) -> Iterator[str]:
         if result.class_set:
             yield f"* cannot be excluded at {100 * result.coverage:g} %"
     for part in result.explanation[:5]:
-        size = f"{numeral(part.amplitude):>8} {part.unit or 'length units'}"
+        unit = part.unit or "length unit"
+        size = f"{numeral(part.amplitude):>8} {unit}, {part.per_unit:+.2f} per {unit}"
         yield f"  {part.score:+7.2f}  {size}  {' '.join(part.modes)}"
     yield from (f"note: {note}" for note in result.notes)
 

@@ -12,14 +12,22 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from modalmotion.clinical.segments import rings_of
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS
 from modalmotion.clinical.wall_motion import WallMotion
+from modalmotion.mesh.sequence import MeshSequence
+
+N_SECTORS: Final = 16
+"""Segments without the tip."""
 
 # Largest share of a cycle between two frames, over its end too.
 _LARGEST_GAP: Final = 1 / 8 + 1e-9
 
 # Instants of a cycle among which the smallest volume is searched.
 _INSTANTS: Final = np.arange(1000) / 1000
+
+# From an instant to the exact time of the smallest volume.
+_NEWTON_STEPS: Final = 2
 
 # Of the noise of volumes, always the same.
 _DRAWS: Final = 100
@@ -28,6 +36,24 @@ _SEED: Final = 16
 # Harmonics of a cycle at most, and the least variance of a volume, of its mean square.
 _HARMONICS: Final = 25
 _LEAST: Final = 1e-10
+
+
+def phases_of(sequence: MeshSequence) -> NDArray[np.float64]:
+    """Instants of the frames as shares of the cycle, which ends a step after them if unstated."""
+    n = sequence.n_frames
+    times = np.arange(n, dtype=np.float64) if sequence.times is None else sequence.times
+    times = times - times[0]
+    stated = None if sequence.times is None else sequence.facts.period
+    period = stated or times[-1] * n / max(n - 1, 1) or 1.0
+    return np.asarray(times / period, dtype=np.float64)
+
+
+def sectors_of(motion: WallMotion) -> NDArray[np.int64]:
+    """Sector of each place of a cup, -1 at its tip: 16 like the segments, of any zero of theta."""
+    rings = rings_of(np.repeat(motion.places.ways, motion.places.shape[1]))
+    turns = motion.places.theta
+    six, four = np.floor(6 * turns).astype(int), np.floor(4 * turns).astype(int)
+    return np.choose(rings, [six, 6 + six, 12 + four, np.full_like(six, -1)])
 
 
 def segment_volumes(motion: WallMotion, segment: NDArray[np.int64], n: int) -> NDArray[np.float64]:
@@ -56,12 +82,12 @@ def segment_volumes(motion: WallMotion, segment: NDArray[np.int64], n: int) -> N
     return np.asarray(volumes * np.sign(volumes.sum()), dtype=np.float64)
 
 
-def volume_variances(
+def volume_gradients(
     motion: WallMotion, segment: NDArray[np.int64], n: int, frame: int
 ) -> NDArray[np.float64]:
-    """Variance of each segment's volume from the errors of positions, (n,) float64.
+    """Differentiate each segment's volume by the coefficients of a frame, (functions, n, 3).
 
-    By the gradient of `segment_volumes`, a sum of (a x g) . l / 2, with a from the middle line to
+    Without the sign of `segment_volumes`, a sum of (a x g) . l / 2, with a from the middle line to
     the wall, g around it and l along the middle line.
     """
     rows, columns = motion.places.shape
@@ -79,6 +105,14 @@ def volume_variances(
     places, gradients = motion.places, np.zeros((motion.places.values.shape[1], n, 3))
     for shapes, each in ((places.values, of_x), (places.around, of_g), (places.along, of_l)):
         gradients += np.tensordot(shapes.T, each.reshape(rows * columns, n, 3), axes=1)
+    return gradients
+
+
+def volume_variances(
+    motion: WallMotion, segment: NDArray[np.int64], n: int, frame: int
+) -> NDArray[np.float64]:
+    """Variance of each segment's volume from the errors of positions, (n,) float64."""
+    gradients = volume_gradients(motion, segment, n, frame)
     return np.array([motion.variance(gradients[:, k], frame) for k in range(n)])
 
 
@@ -116,16 +150,12 @@ def dyssynchrony(
     add to the likeliest curves (of a track, what its errors could), the difference from straight
     lines between the frames, and the spacing of the frames.
     """
-    phases = phases - phases[0]
-    is_first = phases < 1.0 - 1e-9  # of the cycle, without a repeated first frame
-    phases, volumes, variances = phases[is_first], volumes[is_first], variances[is_first]
-    gaps = np.diff(phases, append=1.0)
-    if gaps.max() > _LARGEST_GAP or gaps.min() <= 0.0:
+    if (closed := _cycle(phases)) is None:
         return None
-    closed = np.append(phases, 1.0)
-    by_frame = np.eye(len(phases))[np.arange(len(closed)) % len(phases)]
-    splines = scipy.interpolate.CubicSpline(closed, by_frame, bc_type="periodic")(_INSTANTS)
-    lines = scipy.interpolate.interp1d(closed, by_frame, axis=0)(_INSTANTS)
+    phases, gaps, n = closed[:-1], np.diff(closed), len(closed) - 1
+    volumes, variances = volumes[:n], variances[:n]
+    splines = _splines(closed)(_INSTANTS)
+    lines = scipy.interpolate.interp1d(closed, _by_frame(n), axis=0)(_INSTANTS)
     rng = np.random.default_rng(_SEED)
     if is_smooth:
         smooth = volumes
@@ -146,6 +176,64 @@ def dyssynchrony(
     reach = TWO_DEVIATIONS * np.sqrt(squares)
     value, low, high = 100.0 * np.maximum([value, value - reach, value + reach], 0.0)
     return float(value), float(low), float(high)
+
+
+def index_gradient(
+    volumes: NDArray[np.float64], phases: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Differentiate the index of volumes without noise by each of them.
+
+    Parameters
+    ----------
+    volumes : (frames, segments) float64
+    phases : (frames,) float64
+
+    Returns
+    -------
+    (frames, segments) float64, percent of the cycle per unit of volume, or None
+        None if there is no index, or the times do not differ.
+
+    Notes
+    -----
+    Where a curve f is least f'(t) is 0, so dt = -df'(t) / f''(t).
+    """
+    if (closed := _cycle(phases)) is None:
+        return None
+    n, splines = len(closed) - 1, _splines(closed)
+    times = _INSTANTS[(splines(_INSTANTS) @ volumes[:n]).argmin(axis=0)]
+    for _ in range(_NEWTON_STEPS):
+        slopes, curvatures = (
+            (splines(times, order) * volumes[:n].T).sum(axis=1) for order in (1, 2)
+        )
+        curvatures = np.where(curvatures > 0.0, curvatures, np.inf)
+        times = np.mod(times - slopes / curvatures, 1.0)
+    away = _about_mean(times)
+    spread = float(away.std(ddof=1))
+    if not spread > _INSTANTS[1]:
+        return None
+    by_time = 100.0 * (away - away.mean()) / ((len(away) - 1) * spread)
+    gradient: NDArray[np.float64] = np.zeros(volumes.shape)
+    gradient[:n] = (-splines(times, 1) * (by_time / curvatures)[:, None]).T
+    return gradient
+
+
+def _cycle(phases: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Phases of one cycle from 0 to 1, (frames + 1,); None if frames are too far apart."""
+    phases = phases - phases[0]
+    closed = np.append(phases[phases < 1.0 - 1e-9], 1.0)  # without a repeated first frame
+    gaps = np.diff(closed)
+    return None if gaps.max() > _LARGEST_GAP or gaps.min() <= 0.0 else closed
+
+
+def _splines(closed: NDArray[np.float64]) -> scipy.interpolate.CubicSpline:
+    """Periodic splines of curves that are 1 in one frame and 0 in the others."""
+    return scipy.interpolate.CubicSpline(closed, _by_frame(len(closed) - 1), bc_type="periodic")
+
+
+def _by_frame(n: int) -> NDArray[np.float64]:
+    """Values at the n frames of a cycle and at its end, of a unit of each."""
+    frames: NDArray[np.float64] = np.eye(n)
+    return frames.take(np.arange(n + 1) % n, axis=0)
 
 
 def _curves(
@@ -228,7 +316,10 @@ def _parts(volumes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
 def _apart(curves: NDArray[np.float64]) -> float:
     """Spread of the instants at which curves are smallest, as a share of the cycle."""
-    times = curves.argmin(axis=0) / len(curves)
-    # About the mean direction: a cycle has no first instant.
+    return float(_about_mean(curves.argmin(axis=0) / len(curves)).std(ddof=1))
+
+
+def _about_mean(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shares of a cycle from their mean direction: a cycle has no first instant."""
     mean = np.angle(np.exp(2j * np.pi * times).mean()) / (2 * np.pi)
-    return float((np.mod(times - mean + 0.5, 1.0) - 0.5).std(ddof=1))
+    return np.asarray(np.mod(times - mean + 0.5, 1.0) - 0.5, dtype=np.float64)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.affine_superposition import superposed_positions
-from modalmotion.clinical.vertex_noise import volume_deviations
-from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
+from modalmotion.clinical.volume_curve import Fraction, VolumeCurve, volume_deviations
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh import Cavity, cavity_of
 from modalmotion.mesh.alignment import reference_positions

@@ -16,11 +16,14 @@ from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.dyssynchrony import (
+    N_SECTORS,
     dyssynchrony,
+    phases_of,
+    sectors_of,
     segment_volumes,
     volume_variances,
 )
-from modalmotion.clinical.segments import RINGS, at_places, rings_of
+from modalmotion.clinical.segments import RINGS, at_places
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS
 from modalmotion.clinical.wall_motion import (
@@ -31,10 +34,14 @@ from modalmotion.clinical.wall_motion import (
     Measure,
     WallMotion,
 )
-from modalmotion.mesh import Facts
+from modalmotion.errors import ParameterError
+from modalmotion.mesh import Facts, cavity_of
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, SPHERE
-from modalmotion.template import Template
+from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.reconstruction import fitted_on
+from modalmotion.template import Template, make_template
+from modalmotion.tracking.result import Track
 
 LEVELS: Final = ("apical", "mid", "basal")
 """Thirds of the wall's length, from the apex."""
@@ -65,8 +72,6 @@ _BAND: Final = 0.5
 # How far the apical strain around differs from the mid one, as a share of this: 0.16 and 0.09 of
 # ventricles of two simulators.
 _APICAL: Final = 0.16
-
-_N_SEGMENTS: Final = 16
 
 _CAVITIES: Final = ("lv", "rv", "la", "ra", "other")
 
@@ -168,6 +173,62 @@ class Strain(Plotted):
         place = self.names.index(name)
         value, reach = self.curves[frame, place], TWO_DEVIATIONS * self.deviations[frame, place]
         return Figure(float(value), float(value - reach), float(value + reach))
+
+
+def strain(
+    recording: MeshSequence | Track | ModalSignature,
+    sequence: MeshSequence | None = None,
+    *,
+    template: Template | None = None,
+) -> Strain:
+    """Measure GLS, GCS, GAS, segmental strain and dyssynchrony, with 95 % intervals.
+
+    Parameters
+    ----------
+    recording : MeshSequence, Track or ModalSignature
+    sequence : MeshSequence, optional
+        The one that a signature was made from: required with a signature.
+    template : Template, optional
+        The one that the signature's parameters name, or one for a sequence.
+
+    Returns
+    -------
+    Strain
+        Since the frame of the largest volume; at end systole that of the smallest.
+
+    Raises
+    ------
+    TopologyError
+        If the surface encloses nothing, or is not a cup, tube or sphere.
+    ParameterError
+        If the mesh has too few vertices, or this is none of the three.
+
+    Examples
+    --------
+    >>> import modalmotion as mm
+    >>> beat = mm.simulate_ventricle()
+    >>> round(mm.strain(beat).end_systolic["GLS"].value)
+    -21
+    """
+    if isinstance(recording, Track):
+        measured, used = recording.sequence, recording.template
+    elif isinstance(recording, ModalSignature):
+        if sequence is None:
+            raise ParameterError(
+                "A signature alone has no shape that strain could be measured on.",
+                remedy="Give its sequence as well: strain(signature, sequence).",
+            )
+        measured, used = sequence, fitted_on(recording, sequence, template)
+    elif isinstance(recording, MeshSequence):
+        measured, used = recording, template or make_template(recording)
+    else:
+        raise ParameterError(
+            f"Strain was requested of {type(recording).__name__}.",
+            remedy="Give a mesh sequence, a track, or a signature with its sequence.",
+        )
+    cavity = cavity_of(used.faces, used.n_vertices)
+    volumes = np.abs(cavity.volume(measured.vertices.astype(np.float64)))
+    return wall_strain(measured, used, int(volumes.argmax()), int(volumes.argmin()))
 
 
 def wall_strain(
@@ -376,28 +437,14 @@ def _dyssynchrony(motion: WallMotion, sequence: MeshSequence) -> Figure | None:
     """Index of the 16 segments; of 16 sectors like them if the anterior wall is unknown."""
     if motion.wall.surface != CUP:
         return None
-    ways = np.repeat(motion.places.ways, motion.places.shape[1])
-    rings = rings_of(ways)
-    turns = motion.places.theta
-    six, four = np.floor(6 * turns).astype(int), np.floor(4 * turns).astype(int)
-    segment = np.choose(rings, [six, 6 + six, 12 + four, np.full_like(six, -1)])
+    segment = sectors_of(motion)
     variances = [
-        volume_variances(motion, segment, _N_SEGMENTS, frame) for frame in range(motion.n_frames)
+        volume_variances(motion, segment, N_SECTORS, frame) for frame in range(motion.n_frames)
     ]
-    volumes = segment_volumes(motion, segment, _N_SEGMENTS)
+    volumes = segment_volumes(motion, segment, N_SECTORS)
     is_track = sequence.uncertainty is not None
-    found = dyssynchrony(volumes, _phases(sequence), np.array(variances), is_smooth=is_track)
+    found = dyssynchrony(volumes, phases_of(sequence), np.array(variances), is_smooth=is_track)
     return None if found is None else Figure(*found)
-
-
-def _phases(sequence: MeshSequence) -> NDArray[np.float64]:
-    """Instants of the frames as shares of the cycle, which ends a step after them if unstated."""
-    n = sequence.n_frames
-    times = np.arange(n, dtype=np.float64) if sequence.times is None else sequence.times
-    times = times - times[0]
-    stated = None if sequence.times is None else sequence.facts.period
-    period = stated or times[-1] * n / max(n - 1, 1) or 1.0
-    return np.asarray(times / period, dtype=np.float64)
 
 
 def _segments(

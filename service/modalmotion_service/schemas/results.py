@@ -7,11 +7,10 @@ from pydantic import Field
 from modalmotion.classification import FLAGS, Classification
 from modalmotion.classification.answer import ModeContribution
 from modalmotion.clinical import ClinicalReadouts, Fraction, VolumeCurve
-from modalmotion.clinical.plain import ventricle_json
 from modalmotion.clinical.rates import Rates
 from modalmotion.clinical.sensitivity import Sensitivities
 from modalmotion.clinical.torsion import Torsion
-from modalmotion.clinical.ventricle import VentricleReadouts
+from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_json
 from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from

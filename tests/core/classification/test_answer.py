@@ -16,6 +16,7 @@ from modalmotion.classification.answer_hdf5 import (
     classification_to_hdf5,
 )
 from modalmotion.classification.model import holds, share_ranges, strangeness_of
+from modalmotion.classification.motion import Motion
 from modalmotion.errors import ParameterError
 
 
@@ -114,6 +115,17 @@ def test_contributions_of_modes_add_up_to_those_of_their_features() -> None:
     place = [str(label) for label in signature.modes.labels].index(strongest.modes[0])
     moving = signature.amplitudes[:, place] - signature.amplitudes[:, place].mean(axis=0)
     assert strongest.amplitude == pytest.approx(np.sqrt((moving**2).sum() / len(moving)))
+    for part in found.explanation:
+        own = [[str(label) for label in signature.modes.labels].index(name) for name in part.modes]
+        odds = []
+        for more in (1e-4, -1e-4):
+            a = signature.amplitudes.copy()
+            a[:, own] += more * (a[:, own] - a[:, own].mean(axis=0))
+            grown = model.features(Motion(replace(signature, amplitudes=a)))
+            likeliest, next_to_it = sorted(model.probabilities(grown[None])[0])[:-3:-1]
+            odds.append(np.log(likeliest / next_to_it))
+        difference = (odds[0] - odds[1]) / (2e-4 * part.amplitude)
+        assert part.per_unit == pytest.approx(difference, rel=0.01, abs=1e-4 * abs(scores[0]))
     still = only_modes(signature, strongest.modes)
     others = [k for k in range(len(signature.modes)) if k != place]
     assert np.ptp(still.amplitudes[:, others], axis=0).max() == pytest.approx(0.0)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from modalmotion.clinical import clinical_readouts
-from modalmotion.clinical.strain_of import strain
+from modalmotion.clinical.strain import strain
 from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.exports.tables import Recording, cohort_table, frame_table
 from modalmotion.mesh.checks import Uncertainty

@@ -8,8 +8,7 @@ import pytest
 from viewed_surfaces import viewed
 
 from modalmotion.clinical import clinical_readouts
-from modalmotion.clinical.plain import ventricle_json
-from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
+from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_json, ventricle_readouts
 from modalmotion.mesh import Facts
 
 

@@ -11,7 +11,7 @@ from clouds import breathing_spheroid, sampled
 from template_surfaces import MAKERS
 
 from modalmotion.clinical import clinical_readouts
-from modalmotion.clinical.strain_of import strain
+from modalmotion.clinical.strain import strain
 from modalmotion.mesh import Facts, lattice_faces
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence

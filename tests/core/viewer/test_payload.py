@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from viewed_surfaces import VIEWED, viewed
 
 from modalmotion.classification import classify
-from modalmotion.clinical.strain_of import strain
+from modalmotion.clinical.strain import strain
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.mesh import Facts, lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
