@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.errors import InputError
 from modalmotion.mesh import Cavity
-from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.mesh.checks import difference_deviation
+from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import shown
