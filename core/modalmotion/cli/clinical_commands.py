@@ -160,7 +160,7 @@ def score(truth: Path, answer: Path) -> Any:
         found = track_from_hdf5(answer)
         estimated, deviations = found.sequence, found.deviations[:, :, 0]
     else:
-        estimated = read(answer)
+        estimated = read(answer, beside=["deviations"])
         if answer.suffix.lower() == ".npz":
             deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
     result = asdict(scored(read(truth), estimated, deviations))

@@ -176,7 +176,7 @@ sequence_argument = several(
 """FILE, as `source`, and the options that describe it, named as in `ReadOptions`."""
 
 
-def read(source: Path, **stated: Any) -> MeshSequence:
+def read(source: Path, *, beside: Sequence[str] = (), **stated: Any) -> MeshSequence:
     """Read a sequence: a file, a folder of frames, or a pattern of their names.
 
     For a track its sequence is read, with the errors of the track. Frames that
@@ -185,14 +185,16 @@ def read(source: Path, **stated: Any) -> MeshSequence:
     Parameters
     ----------
     source : Path
+    beside : sequence of str
+        Names of arrays that the caller reads itself.
     **stated
         Fields of `ReadOptions`, and options that state facts.
     """
     options = ReadOptions(facts=stated_facts(stated), **stated)
     with naming(source), counting("frames") as bar:
         result = read_recording(source, options, progress=bar)
-    if result.ignored:
-        click.echo(f"not used: {', '.join(result.ignored)}", err=True)
+    if ignored := [name for name in result.ignored if name not in beside]:
+        click.echo(f"not used: {', '.join(ignored)}", err=True)
     for note in result.notes:
         click.echo(f"note: {note}", err=True)
     return result.sequence
