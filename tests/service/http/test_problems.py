@@ -64,7 +64,7 @@ BAD: dict[str, tuple[bytes, int, str, dict[str, object]]] = {
         saved(vertices=VERTICES, faces=[[0, 1, 16]]),
         422,
         "bad_connectivity",
-        {"vertex": 16, "face": 0},
+        {"vertex": 16, "detail": "Face 0 names vertex 16, but there are 16 (0 to 15)."},
     ),
     "negative face": (saved(vertices=VERTICES, faces=[[0, 1, -1]]), 422, "bad_connectivity", {}),
     "grid that does not fit": (saved(vertices=VERTICES, grid=[3, 4]), 422, "wrong_shape", {}),
