@@ -234,7 +234,7 @@ WITH_NAN: Floats = np.where(np.arange(90).reshape(30, 3) == 50, np.nan, POINTS)
         (as_npz([POINTS, WITH_NAN]), {}, 422, "frame", 1),
         (as_npz([POINTS, WITH_NAN]), {}, 422, "vertex", 16),
         (as_npz([POINTS])[:300], {}, 400, "code", "malformed_file"),
-        (as_npz([POINTS], apex="1,2,3"), {}, 422, "array", "apex"),
+        (as_npz([POINTS], apex="1,2,3"), {}, 422, "code", "wrong_shape"),
         (as_npz([POINTS], vertices=1), {"modes": "401"}, 422, "code", "invalid_request"),
         (as_npz([POINTS[:3]] * 2), {}, 422, "frame", 0),
         (as_npz([POINTS] * 101), {}, 413, "limit", "frames"),
