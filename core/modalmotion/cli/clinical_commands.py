@@ -205,13 +205,14 @@ def train(
     topology
         cup, sphere, ..., or mesh for spring modes; found from all controls by default.
     """
+    from modalmotion.classification.cases import left_out_notes
     from modalmotion.norm import norm_to_hdf5, train_norm
     from modalmotion.store import write_atomic
 
     cases, left_out = each_labelled(sources, lambda case: case, skips=skip_unreadable, unit=unit)
     result = train_norm(cases, name=name, modes=modes, topology=topology)
     write_atomic(out, norm_to_hdf5(result))
-    return {**result.as_json(), "left_out": left_out}
+    return {**result.as_json(), "left_out": list(left_out_notes(left_out))}
 
 
 @command("norm ask volunteers.h5 beat.npz", group=norm)
@@ -236,6 +237,7 @@ def ask(
     unit
         Length unit of all files; overrides their own.
     """
+    from modalmotion.classification.cases import left_out_notes
     from modalmotion.norm import cohort_deviation, norm_from_hdf5
 
     controls = norm_from_hdf5(norm_file)
@@ -244,6 +246,7 @@ def ask(
         return controls.read(case.motion, subject=case.subject, name=case.name)
 
     readings, left_out = each_labelled(sources, compared, skips=skip_unreadable, unit=unit)
+    notes = list(left_out_notes(left_out))
     together = cohort_deviation(controls, readings, level=level)
     answers = [(r.name, one) for r, one in zip(readings, together.deviations, strict=True)]
     lines = [f"{name}\n{answer.lines}" for name, answer in answers]
@@ -253,6 +256,6 @@ def ask(
     found = {
         "cohort": None if together.p is None else together.as_json(),
         "deviations": [{"path": name, **answer.as_json()} for name, answer in answers],
-        "left_out": left_out,
+        "left_out": notes,
     }
-    return found, [*lines, *left_out]
+    return found, [*lines, *notes]

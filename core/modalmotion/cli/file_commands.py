@@ -329,9 +329,9 @@ def _cohort(
         return Recording(case.name, signature, readouts, case.subject, case.label or None)
 
     facts = stated_facts(stated)
-    made, notes = each_labelled([manifest], recording, skips=skips, facts=facts, **stated)
-    for note in notes:
-        click.echo(f"note: {note}", err=True)
+    made, left_out = each_labelled([manifest], recording, skips=skips, facts=facts, **stated)
+    for one in left_out:
+        click.echo(f"left out: {one}", err=True)
     if not made:
         raise ParameterError(
             f"No recording of '{manifest}' can be tabulated.",

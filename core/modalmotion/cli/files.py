@@ -33,6 +33,7 @@ from modalmotion.signature.making import ModalSignature, modal_signature
 
 if TYPE_CHECKING:
     from modalmotion.classification import TrainingCase
+    from modalmotion.classification.cases import LeftOut
 
 T = TypeVar("T")
 
@@ -216,7 +217,7 @@ def each_labelled(
     skips: bool,
     facts: Facts = NO_FACTS,
     **stated: Any,
-) -> tuple[list[T], list[str]]:
+) -> tuple[list[T], list[LeftOut]]:
     """Read recordings one by one, each for a use.
 
     Parameters
@@ -225,7 +226,7 @@ def each_labelled(
         A manifest, or files.
     use : callable
     skips : bool
-        Whether those that cannot be used are left out, and named in notes.
+        Whether those that cannot be used are left out.
     facts : Facts
         Over those of the manifest.
     **stated
@@ -234,9 +235,9 @@ def each_labelled(
     Returns
     -------
     used : list
-    notes : list of str
+    left_out : list of LeftOut
     """
-    from modalmotion.classification.cases import UNUSABLE, LeftOut, left_out_notes
+    from modalmotion.classification.cases import UNUSABLE, LeftOut
     from modalmotion.classification.manifest import LabelledSequence, labelled_files
 
     used: list[T] = []
@@ -252,7 +253,7 @@ def each_labelled(
                 if not skips:
                     raise named(error, "" if is_named else source.name) from error
                 left_out.append(LeftOut.of(error, source.name))
-    return used, list(left_out_notes(left_out))
+    return used, left_out
 
 
 def fitted(

@@ -431,7 +431,7 @@ class Recordings(Caller):
             (keep=True keeps them); or the points of each frame, none where it is missing.
         progress : callable, optional
         **options
-            As the service names them: modes, tolerance, time, reference, start, topology,
+            As the service names them: modes, time, reference, start, topology,
             labels, unit, times, frame_interval, subject, label, and facts; of images keep and
             papillary. `landmarks`: apex and base by name, (3,) in the reference
             frame, or (frames, 3) with NaN where it is unknown.

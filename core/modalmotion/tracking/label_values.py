@@ -73,6 +73,26 @@ def is_label_map(images: ImageSequence) -> bool:
     return is_map
 
 
+def whole_labels(labels: Iterable[str | int]) -> list[int]:
+    """Take labels as the whole numbers that those of a label map are.
+
+    Raises
+    ------
+    ParameterError
+        If one is none.
+    """
+    values = []
+    for label in labels:
+        try:
+            values.append(int(label))
+        except ValueError:
+            raise ParameterError(
+                f"The label {label!r:.40} is no whole number, as those of a label map are.",
+                remedy="Name the cavity by --label VALUE.",
+            ) from None
+    return values
+
+
 def cavity_in(images: ImageSequence) -> tuple[int, str]:
     """Decide which value is the cavity: that which another, its wall, encloses.
 

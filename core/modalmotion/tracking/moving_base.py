@@ -140,7 +140,8 @@ def with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
         own, by_volume = np.nan_to_num(covariance), np.zeros(len(stated))
         apart = np.diag(own) - _mean_of_others(own)
         for k, x in enumerate(track.sequence.vertices.astype(np.float64)):
-            axis = x[share > _AT_END].mean(axis=0) - x[share < 1.0 - _AT_END].mean(axis=0)
+            is_at_end = share >= min(_AT_END, share.max())
+            axis = x[is_at_end].mean(axis=0) - x[share < 1.0 - _AT_END].mean(axis=0)
             moved = share[:, None] * (axis / np.linalg.norm(axis))
             a = np.linalg.lstsq(known.shapes, moved, rcond=None)[0].ravel()
             along[k] += apart[k] * np.outer(a, a)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Any, Final, Literal, TypeAlias
 
 from modalmotion.arguments.checking import whole
@@ -70,6 +71,13 @@ class TrackParameters:
             raise ParameterError(
                 f"The convention about papillary muscles is {self.papillary!r:.40}.",
                 remedy="Use pool, where they are cavity, or wall, where they are not.",
+            )
+        # A text would be taken apart to letters, each of which is part of some name.
+        is_list = isinstance(self.labels, tuple | list)
+        if not is_list or not all(isinstance(one, str | Integral) for one in self.labels):
+            raise ParameterError(
+                f"The labels are {self.labels!r:.40}.",
+                remedy="Give a list of whole numbers, or of names, such as (3,).",
             )
         if whole("modes", self.modes) < 2:
             raise ModeCountError(

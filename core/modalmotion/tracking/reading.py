@@ -37,6 +37,7 @@ from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import UNKNOWN
 from modalmotion.progress import Progress
 from modalmotion.representation import Floats, shown
+from modalmotion.tracking.label_values import whole_labels
 from modalmotion.tracking.landmarks import (
     LANDMARK_SUFFIXES,
     landmarks_from_json,
@@ -149,6 +150,8 @@ def read_observed(
                 source, labels=labels, coordinates=coordinates, progress=progress, parser=own
             )
     if holds_images(source):
+        # Before much is read.
+        whole_labels(labels)
         return recorded_images(read_images(source, parser=parser, progress=progress))
     if isinstance(source, Path) and source.is_dir():
         files = {path.name: path.read_bytes for path in source.iterdir() if path.is_file()}

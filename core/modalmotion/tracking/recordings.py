@@ -21,7 +21,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 from modalmotion.tracking.hdf5 import kept_track
 from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
-from modalmotion.tracking.label_values import is_label_map
+from modalmotion.tracking.label_values import is_label_map, whole_labels
 from modalmotion.tracking.landmarks import Proposed, as_places, landmarks_of
 from modalmotion.tracking.making import Start, motion_in
 from modalmotion.tracking.observation import of_surface
@@ -145,14 +145,7 @@ def _labelled(
         return recorded, {}
     if not labels and not is_label_map(images):
         return recorded, {}
-    try:
-        values = [int(label) for label in labels]
-    except ValueError:
-        raise ParameterError(
-            f"The label {labels[0]!r:.40} is no whole number, as those of a label map are.",
-            remedy="Name the cavity by --label VALUE.",
-        ) from None
-    made = from_labels(images, values)
+    made = from_labels(images, whole_labels(labels))
     stated = {**recorded.landmarks, **(parameters.landmarks or {})}
     outside = notes_on_landmarks(images, stated, parameters.reference or 0)
     notes = (*made.images.notes, *outside)

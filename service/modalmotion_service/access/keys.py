@@ -296,8 +296,9 @@ class KeySnapshot(Authenticator):
             # would make files there, to share it with writers.
             try:
                 is_live = log.stat().st_size > 0
-            except OSError:
-                is_live = False
+            except OSError as error:
+                # One that is there and cannot be looked at may revoke what the file still has.
+                is_live = not isinstance(error, FileNotFoundError)
             how = "mode=ro" if is_live else "mode=ro&immutable=1"
             address = f"{path.absolute().as_uri()}?{how}"
             with closing(sqlite3.connect(address, uri=True)) as file:

@@ -130,7 +130,7 @@ async def evaluate_model(
     on: a note says where it was. With `compare_with` the answer has differences of accuracy, AUC,
     log loss and Brier score, with intervals from paired resamples of the subjects.
     """
-    kind = JSON if wanted.compare_with else ""
+    kind = asked.media_type(JSON) if wanted.compare_with else ""
     names = [one for one in (name, wanted.compare_with) if one is not None]
     chosen = [await asyncio.to_thread(models.choose, asked.state, one) for one in names]
     request = await asked.about(wanted, queries.EvaluationOptions, labelled_cases, media_type=kind)

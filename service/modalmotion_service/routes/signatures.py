@@ -348,7 +348,8 @@ async def _shown(
         with contextlib.suppress(NotFoundError):
             # Where its file is lost it is fitted again, as if it were not stored.
             own = named if asked.store.signature_path(sequence_id, named).is_file() else ""
-    request = Request(media_type=media_type, sequence_id=sequence_id, key=own or None, ids=ids)
+    kind = media_type or asked.media_type(*what.media_types)
+    request = Request(media_type=kind, sequence_id=sequence_id, key=own or None, ids=ids)
     if query is not None:
         request = replace(request, query=query)
     tag = (sequence_id, named, json.dumps(facts_as_json(facts)), also)

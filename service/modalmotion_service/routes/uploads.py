@@ -376,4 +376,5 @@ async def _answered(
 ) -> Response:
     with sent.file as file:
         what = of_many if of_many is not None and file.parts else of_one
-        return await asked.do(what, Requested(query=sent.query), file=file)
+        kind = asked.media_type(*what.media_types)
+        return await asked.do(what, Requested(query=sent.query, media_type=kind), file=file)

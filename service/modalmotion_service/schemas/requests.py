@@ -18,6 +18,7 @@ from modalmotion.signature.parameters import MOST_MODES
 from modalmotion.signature.tradeoff import MOST_OF_FRONT
 from modalmotion.template import GivenLandmarks
 from modalmotion.template.body_frame import Components
+from modalmotion.tracking.label_values import whole_labels
 from modalmotion.tracking.landmarks import landmarks_of, places_of
 from modalmotion.tracking.parameters import TrackParameters, require_surface_tracking
 from modalmotion_service.schemas import from_core
@@ -279,7 +280,10 @@ class TrackRequest(Named):
         require_surface_tracking(facts)
         own = {name: places_of(name, at) for name, at in (self.landmarks or {}).items()}
         landmarks = landmarks_of(facts) | own
-        return from_core.value_of(self, TrackParameters, landmarks=landmarks, times=times)
+        made = from_core.value_of(self, TrackParameters, landmarks=landmarks, times=times)
+        if self.images is not None:
+            whole_labels(made.labels)
+        return made
 
 
 TRACK: Final = from_core.model_of(

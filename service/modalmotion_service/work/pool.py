@@ -170,7 +170,10 @@ class Keeper(threading.Thread):
         for _ in range(MOST_STARTS):
             self._require_wanted(task)
             with contextlib.suppress(ProcessLostError):
-                return self._require_process()
+                process = self._require_process()
+                # Who gave it up before could not tell which process to end.
+                self._require_wanted(task)
+                return process
         raise ClusterError(
             f"No process could be started for the work, {MOST_STARTS} times in a row.",
             remedy="Try again soon; an operator should look after memory and the limit on "

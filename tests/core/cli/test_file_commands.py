@@ -167,9 +167,16 @@ def test_a_manifest_is_a_table_with_a_row_for_each_recording(beat: Path, tmp_pat
     assert "broken.npz" in run.output
     run = CliRunner().invoke(main, ["table", str(manifest), "--skip-unreadable"])
     assert run.exit_code == 0, run.output
-    assert "left out" in run.stderr
+    assert "left out: " in run.stderr
     assert len(list(csv.DictReader(io.StringIO(run.stdout)))) == 1
     assert CliRunner().invoke(main, ["table", str(manifest), "--frames"]).exit_code == 2
+    # However many there are.
+    gone = [f"gone-{number}.npz" for number in range(30)]
+    manifest.write_text("\n".join([*lines, *(f"{name},weak,P 2" for name in gone)]))
+    run = CliRunner().invoke(main, ["table", str(manifest), "--skip-unreadable"])
+    assert run.exit_code == 0, run.output
+    assert all(f"{name}: " in run.stderr for name in gone)
+    manifest.write_text("\n".join([*lines, "broken.npz,weak,P 2"]))
     # What is stated holds for all; a table of nothing is refused.
     stated = CliRunner().invoke(
         main, ["table", str(tmp_path / "cohort.csv"), "--cavity", "none", "--skip-unreadable"]

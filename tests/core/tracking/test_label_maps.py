@@ -40,6 +40,16 @@ def test_a_segmentation_is_tracked_with_no_other_statement() -> None:
     assert any("proposed" in note for note in result.notes)
 
 
+def test_a_segmentation_in_memory_is_taken_as_that_of_a_file_is() -> None:
+    images = ImageSequence((labels(), labels(18.0)))
+    made = from_labels(images)
+    found, named = track(images, modes=4), track(images, modes=4, labels=(3,))
+    apart = track(made.images, landmarks=made.landmarks, modes=4)
+    assert found.sequence.id == named.sequence.id == apart.sequence.id
+    assert (found.sequence.unit, found.sequence.facts.coordinates) == ("mm", "LPS")
+    assert any("Label 3 was taken as the cavity" in note for note in found.notes)
+
+
 def left_by_steps(voxel: float, patch: float, rng: np.random.Generator) -> float:
     """RMS over all directions of a voxelised plane's mean height in a patch, along its normal."""
     n, m = 8000, 12

@@ -19,6 +19,7 @@ from ellipsoid_images import (
 
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.edges import Levels
+from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.tracking import Observation, track
 from modalmotion.tracking.image_frames import below_base, with_end
 from modalmotion.tracking.image_view import Imaging
@@ -114,3 +115,12 @@ def test_one_statement_of_the_base_is_enough_for_an_interval_that_holds() -> Non
     # The base of these stands still, the least that a valve does.
     assert (np.abs(result.volumes - true) < 2.2 * result.volume_deviations).all()
     assert result.volume_deviations[1] > 1.1 * result.volume_deviations[0]
+
+
+def test_errors_of_the_base_are_known_of_few_rings() -> None:
+    # The last of a dozen rings is at 0.96 of the way from apex to base.
+    beat = simulate_ventricle(grid=(12, 16), acquisition=Acquisition(n_frames=3))
+    found = track(beat, start=beat, modes=4, reference=None)
+    assert np.isfinite(found.deviations).all()
+    assert found.volume_deviations is not None
+    assert (found.volume_deviations > 0).all()

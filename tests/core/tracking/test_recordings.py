@@ -70,6 +70,13 @@ def test_a_changing_mesh_is_tracked_only_where_its_row_says_so(tmp_path: Path) -
     assert found.n_frames == 2
 
 
+@pytest.mark.parametrize("labels", [3, "LV_EPICARDIAL", (3.7,), (None,), None])
+def test_labels_are_a_list_of_numbers_or_names(labels: object) -> None:
+    with pytest.raises(ParameterError, match="The labels are") as caught:
+        track(BALL, modes=4, labels=labels)
+    assert "such as (3,)" in caught.value.remedy
+
+
 def test_what_is_neither_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.npz").write_bytes(b"nothing")
     with pytest.raises(MalformedFileError):

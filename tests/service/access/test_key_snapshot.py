@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -84,4 +85,25 @@ def test_what_a_service_changes_meanwhile_counts_at_once(tmp_path: Path) -> None
         key = keys.authenticate(token)
         ring.revoke(key.id)
         with pytest.raises(AuthenticationError, match="revoked"):
+            keys.authenticate(token)
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.ESTALE, errno.EACCES])
+def test_a_log_that_cannot_be_looked_at_lets_no_revoked_key_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    look = Path.stat
+
+    def fails(path: Path, **how: bool) -> os.stat_result:
+        if path.name.endswith("-wal"):
+            raise OSError(number, os.strerror(number))
+        return look(path, **how)
+
+    with KeyRing(tmp_path) as ring:
+        token = ring.create("alice", [Scope.READ])[1]
+    with KeyRing(tmp_path) as ring:
+        keys = KeySnapshot(tmp_path)
+        ring.revoke(keys.authenticate(token).id)
+        monkeypatch.setattr(Path, "stat", fails)
+        with pytest.raises((AuthenticationError, StoreError)):
             keys.authenticate(token)

@@ -216,6 +216,20 @@ def test_the_type_of_an_answer_is_negotiated(
         assert answer.headers["content-type"] == "application/x-hdf5"
 
 
+def test_what_has_one_type_alone_is_not_given_to_who_accepts_another(
+    client: TestClient, beat: bytes
+) -> None:
+    here = client.post("/v1/sequences", content=beat).headers["location"]
+    calls: tuple[tuple[str, str, bytes, str], ...] = (
+        ("POST", "/v1/classify", beat, "text/csv"),
+        ("POST", "/v1/encode?rms=1", beat, "application/json"),
+        ("GET", f"/v1/signatures/{here.rpartition('/')[2]}/strain", b"", "text/csv"),
+    )
+    for method, path, body, accept in calls:
+        answer = client.request(method, path, content=body, headers={"Accept": accept})
+        assert (path, answer.status_code) == (path, 406)
+
+
 def test_an_unexpected_failure_tells_nothing_of_the_inside(
     client: TestClient, beat: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:

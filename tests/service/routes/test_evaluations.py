@@ -86,6 +86,8 @@ def test_trained_on_sequences_are_named_in_a_note(trained: Trained) -> None:
 def test_two_versions_are_compared(trained: Trained, tested: tuple[list[str], Any]) -> None:
     ids, answer = tested
     body = {"compare_with": "wall-motion", "sequences": ids, "coverage": 0.8}
+    as_table = trained.client.post(EVALUATIONS, json=body, headers={"Accept": "text/csv"})
+    assert as_table.status_code == 406
     result = trained.client.post(EVALUATIONS, json=body)
     assert result.status_code == 200, result.text
     result = result.json()

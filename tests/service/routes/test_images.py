@@ -227,6 +227,20 @@ def test_labels_are_tracked_without_a_landmark(client: TestClient) -> None:
     assert any("Apex and base were proposed" in note for note in answer.json()["notes"])
 
 
+def test_a_label_that_is_no_number_is_refused_before_images_are_read(
+    client: TestClient, file: bytes
+) -> None:
+    named = {**FEW, "labels": "three"}
+    asked = {"images": sent(client, file), **named}
+    # What is cut short has another fault, which is found only where it is read.
+    for answer in (
+        client.post(TRACKS, params=asked),
+        client.post(TRACKS, content=file[:200], params=named),
+    ):
+        assert answer.status_code == 422, answer.text
+        assert answer.json()["detail"].startswith("The label 'three' is no whole number")
+
+
 def test_images_that_nobody_tracks_are_forgotten(client: TestClient) -> None:
     images = sent(client, write_nifti(beat(16.5)))
     assert images not in sweep_images(state_of(client), timedelta(hours=1))

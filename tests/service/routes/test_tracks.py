@@ -222,6 +222,21 @@ def zipped(**files: bytes) -> bytes:
     return buffer.getvalue()
 
 
+def test_contours_of_the_named_type_are_tracked(client: TestClient) -> None:
+    rows, inner = ["x\ty\tz\tcontour type\tslice\tweight\ttime frame"], breathing_spheroid(1)
+    for scale, kind in ((1.0, "SAX_LV_ENDOCARDIAL"), (1.25, "SAX_LV_EPICARDIAL")):
+        for x, y, z in scale * inner.vertices[0].astype(float):
+            rows.append(f"{x}\t{y}\t{z}\t{kind}\t0\t1\t0")
+    body = zipped(GPFile_000_dot_txt="\n".join(rows).encode())
+    for labels, scale in ((None, 1.0), ("LV_EPICARDIAL", 1.25)):
+        asked = {**FEW, "time": "open", **({} if labels is None else {"labels": labels})}
+        answer = client.post(HERE, content=body, params=asked)
+        assert answer.status_code == 201, answer.text
+        own = track_from_hdf5(client.get(answer.headers["location"], headers=HDF5).content)
+        size = np.ptp(own.sequence.vertices[0], axis=0) / np.ptp(inner.vertices[0], axis=0)
+        assert size == pytest.approx(scale, rel=0.1), labels
+
+
 POINTS: Floats = np.arange(90.0, dtype=np.float64).reshape(30, 3)
 WITH_NAN: Floats = np.where(np.arange(90).reshape(30, 3) == 50, np.nan, POINTS)
 
@@ -234,7 +249,7 @@ WITH_NAN: Floats = np.where(np.arange(90).reshape(30, 3) == 50, np.nan, POINTS)
         (as_npz([POINTS, WITH_NAN]), {}, 422, "frame", 1),
         (as_npz([POINTS, WITH_NAN]), {}, 422, "vertex", 16),
         (as_npz([POINTS])[:300], {}, 400, "code", "malformed_file"),
-        (as_npz([POINTS], apex="1,2,3"), {}, 422, "array", "apex"),
+        (as_npz([POINTS], apex="1,2,3"), {}, 422, "code", "wrong_shape"),
         (as_npz([POINTS], vertices=1), {"modes": "401"}, 422, "code", "invalid_request"),
         (as_npz([POINTS[:3]] * 2), {}, 422, "frame", 0),
         (as_npz([POINTS] * 101), {}, 413, "limit", "frames"),

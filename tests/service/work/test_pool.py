@@ -213,3 +213,22 @@ def test_a_task_is_given_up_at_the_moment_at_which_its_process_is_replaced(
         monkeypatch.undo()
         keeper._task = None
         assert pool.submit(os.getpid).result(timeout=60) != process.pid
+
+
+def test_a_task_that_is_given_up_while_its_process_begins_is_not_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = WorkerProcess.__init__
+
+    def given_up(process: WorkerProcess, *args: Any, **options: Any) -> None:
+        begin(process, *args, **options)
+        keeper = threading.current_thread()
+        assert isinstance(keeper, Keeper)
+        assert keeper._task is not None
+        keeper._task.future.cancel()
+
+    monkeypatch.setattr(WorkerProcess, "__init__", given_up)
+    with WorkerPool(1, 20.0, MEMORY) as pool:
+        future = pool.submit(slow_mark, tmp_path / "mark", 0.0)
+    assert future.cancelled()
+    assert not (tmp_path / "mark").exists()
