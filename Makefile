@@ -13,7 +13,7 @@ ONLY ?=
 # The compiled library is made when the package is installed.
 SETUP := pyproject.toml constraints.txt tools/compile_library.py $(wildcard core/modalmotion/*/native/*.[ch])
 # Three processes on two cores, for tests wait too: for services, workers, a browser.
-SPREAD := --processes 3
+SPREAD := -n 3 --dist loadfile --no-loadscope-reorder
 # One thread for each process: threads of all would wait for one another. The tests start some hundred
 # processes, each of which would compile all modules anew where bytecode is not kept.
 LEAN := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1

@@ -8,11 +8,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import forked_run
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 from project import DATA
+from scheduling import FileScheduling
 from services import (  # fixtures, which pytest finds here
     beat,
     client,
@@ -29,6 +29,7 @@ from services import (  # fixtures, which pytest finds here
     trained,
 )
 from shared_parser import shared_parsers
+from xdist.remote import Producer
 
 from modalmotion.formats import read_npz
 from modalmotion.mesh.sequence import MeshSequence
@@ -104,7 +105,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave like cases to `make soak`; begin with what takes long.
+    """Leave like cases to `make soak`; begin with what takes long (`--no-loadscope-reorder`).
 
     No process of several then ends long before the others.
     """
@@ -123,16 +124,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.timeout(3600))
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--processes", type=int, default=1, help="run the tests in so many processes")
-
-
-def pytest_runtestloop(session: pytest.Session) -> bool | None:
-    n_processes = session.config.getoption("processes")
-    if n_processes == 1 or session.testsfailed or session.config.option.collectonly:
-        return None
-    forked_run.run(session, n_processes)
-    return True
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> FileScheduling:
+    """Keep together the tests that share what is costly to make."""
+    return FileScheduling(config, log)
 
 
 # Parts of names, in the order of the time that their tests take; all others come last.

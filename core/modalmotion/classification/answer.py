@@ -10,7 +10,6 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.model import Model, Readable, holds
@@ -35,7 +34,7 @@ from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.mesh.spring_modes import Modes, common_count
 from modalmotion.modes.topology import CYLINDER
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
@@ -67,8 +66,6 @@ _TRACKING_NOTE: Final = (
     "the surface over time, which shows no twist. If they do (tagging, feature tracking), state "
     "tracking=material."
 )
-
-Array = NDArray[np.float64]
 
 
 @shown()
@@ -137,7 +134,7 @@ class Classification(Saved, Plotted):
     model_id: str
     label: str | None
     classes: tuple[str, ...]
-    probabilities: Array
+    probabilities: Floats
     class_set: tuple[str, ...]
     coverage: float
     flags: tuple[str, ...]
@@ -416,7 +413,7 @@ def _answer(
 
 
 def _explanation(
-    features: Array, model: Model, motion: Motion, probabilities: Array
+    features: Floats, model: Model, motion: Motion, probabilities: Floats
 ) -> tuple[ModeContribution, ...]:
     """Contributions of the modes to a prediction, the strongest first.
 
@@ -444,14 +441,14 @@ def _explanation(
 
 
 @lru_cache(maxsize=32)
-def _groups(modes: Modes) -> tuple[list[tuple[str, ...]], Array]:
+def _groups(modes: Modes) -> tuple[list[tuple[str, ...]], Floats]:
     """Labels of modes that are explained together, and which these are, (modes, groups)."""
     groups = waves_of(modes, walls=False).modes
     labels = [tuple(str(modes.labels[k]) for k in group) for group in groups]
     return labels, np.array([[float(k in group) for group in groups] for k in range(len(modes))])
 
 
-def _by_growth(model: Model, motion: Motion, modes: NDArray[np.int64], features: Array) -> Array:
+def _by_growth(model: Model, motion: Motion, modes: Ints, features: Floats) -> Floats:
     """Differentiate the features by a factor of the motion of some modes, (features,)."""
     grown = []
     for table in model.tables:

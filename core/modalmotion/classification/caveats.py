@@ -9,10 +9,9 @@ from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.classification.cases import TrainingCase, case_name
-from modalmotion.representation import counted
+from modalmotion.representation import Ints, counted
 
 _TIMES_LARGER: Final = 30.0
 
@@ -89,10 +88,7 @@ def _named(names: Sequence[str]) -> str:
 
 
 def confounds(
-    conditions: Sequence[Mapping[str, float | str]],
-    y: NDArray[np.int64],
-    groups: NDArray[np.int64],
-    seed: int,
+    conditions: Sequence[Mapping[str, float | str]], y: Ints, groups: Ints, seed: int
 ) -> tuple[Confound, ...]:
     """Test how well each condition alone separates the classes.
 
@@ -172,7 +168,7 @@ def _in_words(test: Confound) -> str:
     )
 
 
-def _parts_of(values: Sequence[float | str | None]) -> NDArray[np.int64]:
+def _parts_of(values: Sequence[float | str | None]) -> Ints:
     """Give each value a number from 0; many different numbers share one by fifths."""
     numbers = [v for v in values if isinstance(v, int | float)]
     is_number = len(numbers) == sum(value is not None for value in values)
@@ -181,13 +177,11 @@ def _parts_of(values: Sequence[float | str | None]) -> NDArray[np.int64]:
         keys = ["" if v is None else str(np.searchsorted(edges, float(v))) for v in values]
     else:
         keys = ["" if v is None else f"={v}" for v in values]
-    place: NDArray[np.int64] = np.unique(keys, return_inverse=True)[1]
+    place: Ints = np.unique(keys, return_inverse=True)[1]
     return place
 
 
-def _exchanged(
-    y: NDArray[np.int64], groups: NDArray[np.int64], rng: np.random.Generator
-) -> NDArray[np.int64]:
+def _exchanged(y: Ints, groups: Ints, rng: np.random.Generator) -> Ints:
     """Classes exchanged among subjects, (permutations, cases)."""
     _, place, sizes = np.unique(groups, return_inverse=True, return_counts=True)
     order = np.argsort(place, kind="stable")

@@ -11,7 +11,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.classification.cases import (
     UNUSABLE,
@@ -30,6 +29,7 @@ from modalmotion.mesh.sequence import MEAN
 from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes.topology import MESH
 from modalmotion.progress import Progress
+from modalmotion.representation import Ints
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes
 from modalmotion.template import GivenLandmarks
@@ -42,7 +42,7 @@ _IN_ONE_PIECE: Final = 16
 _MOST_NAMED: Final = 3
 
 Conditions = Mapping[str, float | str]
-Groups = NDArray[np.int64]
+Groups = Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +72,13 @@ class Cohort:
     readable: Readable
     motions: tuple[Motion, ...]
     classes: tuple[str, ...]
-    y: NDArray[np.int64]
+    y: Ints
     groups: Groups
     subjects: tuple[str, ...]
     sequence_ids: tuple[str, ...]
     names: tuple[str, ...]
     conditions: tuple[Conditions, ...]
-    numbers: NDArray[np.int64]
+    numbers: Ints
     n_given: int
     walls: bool
     notes: tuple[str, ...]

@@ -8,7 +8,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification.answer import Classification, classify
@@ -25,7 +24,7 @@ from modalmotion.classification.performance import (
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.progress import Progress
-from modalmotion.representation import counted, csv_text, shown
+from modalmotion.representation import Floats, Ints, counted, csv_text, shown
 
 
 @shown("truth", "answer", "probabilities", "flags", "sequence_id")
@@ -302,9 +301,6 @@ COMPARISON_METHODS: Final = (
 """How a comparison is made."""
 
 
-Array = NDArray[np.float64]
-
-
 class Difference(NamedTuple):
     """A figure of two models.
 
@@ -436,7 +432,7 @@ def comparison_of(first: Evaluation, second: Evaluation) -> Comparison:
         )
     notes += [f"{each.model}: {note}" for each in (first, second) for note in each.notes]
 
-    def difference(figure: str, per_case: Array) -> Difference:
+    def difference(figure: str, per_case: Floats) -> Difference:
         apart = per_case / len(per_case)
         a, b = getattr(first, figure), getattr(second, figure)
         return _with_interval(a, b, apart - apart.mean(), place)
@@ -463,9 +459,7 @@ def comparison_of(first: Evaluation, second: Evaluation) -> Comparison:
     )
 
 
-def _with_interval(
-    first: float, second: float, influences: Array, place: NDArray[np.int64]
-) -> Difference:
+def _with_interval(first: float, second: float, influences: Floats, place: Ints) -> Difference:
     """Difference of two figures, of what each case adds to it beyond its share."""
     of_subjects = np.bincount(place, influences)
     m = len(of_subjects)

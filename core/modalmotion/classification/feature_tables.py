@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.classification.cases import AnyCase, LeftOut, TrainingCase
 from modalmotion.classification.cohort import alike
 from modalmotion.classification.options import OnError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
-from modalmotion.representation import csv_text, shown
+from modalmotion.representation import Floats, csv_text, shown
 from modalmotion.signature.making import ModalSignature
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ class FeatureTable:
     labels: tuple[str | None, ...]
     subjects: tuple[str | None, ...]
     columns: tuple[str, ...]
-    values: NDArray[np.float64]
+    values: Floats
     left_out: tuple[LeftOut, ...] = ()
 
     def beside(self, left_out: Sequence[LeftOut]) -> FeatureTable:

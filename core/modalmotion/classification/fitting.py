@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.classification.cohort import Cohort
 from modalmotion.classification.linear import (
@@ -29,7 +28,7 @@ from modalmotion.classification.motion_features import (
 )
 from modalmotion.classification.options import MODE_COUNTS, TrainingOptions
 from modalmotion.errors import ParameterError
-from modalmotion.representation import counted
+from modalmotion.representation import Floats, Ints, counted
 from modalmotion.signature.value import whole_count
 
 # Logs of the prior where a cavity is read: few hearts are distinguished by the parts about the
@@ -52,15 +51,14 @@ _MOST_COMPARED: Final = 200
 # less, and what they gain by chance is lost on others.
 _SURE: Final = 1.0
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
+Rows = Ints
 
 
 class Table(NamedTuple):
     """One table of the features of all cases, (cases, features)."""
 
     extractor: Extractor
-    X: Array
+    X: Floats
 
 
 class TableFit(NamedTuple):
@@ -85,10 +83,10 @@ class Fit:
     """
 
     tables: tuple[TableFit, ...]
-    losses: Array
+    losses: Floats
     groups: Rows
 
-    def scores(self, rows: Rows) -> Array:
+    def scores(self, rows: Rows) -> Floats:
         """Scores of some cases of the cohort, (cases, classes)."""
         return np.asarray(sum(one.linear.scores(one.table.X[rows]) for one in self.tables))
 
@@ -152,7 +150,7 @@ def _some(cohort: Cohort, rows: Rows) -> Rows:
     return np.sort(np.concatenate([mine[:: -(-len(mine) // _MOST_COMPARED)] for mine in parts]))
 
 
-def _weights(kinds: Sequence[str], losses: Array, groups: Rows) -> Array:
+def _weights(kinds: Sequence[str], losses: Floats, groups: Rows) -> Floats:
     """Weigh tables by the losses of cases left out, (tables,) float64.
 
     Two whose losses differ by less than chance share their weight.
@@ -179,7 +177,7 @@ def _weights(kinds: Sequence[str], losses: Array, groups: Rows) -> Array:
     return np.asarray((shares / shares.sum(axis=1, keepdims=True)).mean(axis=0))
 
 
-Fold = tuple[NDArray[np.int64], NDArray[np.int64]]
+Fold = tuple[Ints, Ints]
 """Cases to fit to and cases to predict."""
 
 # Of groups of which each is held out by itself.
@@ -251,7 +249,7 @@ def _drawn(
     return folds, False, [note]
 
 
-def _least_classes(folds: Sequence[Fold], y: NDArray[np.int64]) -> int:
+def _least_classes(folds: Sequence[Fold], y: Ints) -> int:
     """Give the least number of classes that a fold has cases of to fit to."""
     return min(len(np.unique(y[inner])) for inner, _ in folds)
 

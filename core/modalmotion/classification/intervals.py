@@ -9,6 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from modalmotion.representation import Bools, Floats
+
 Interval = tuple[float, float]
 
 Curve = tuple[tuple[float, float, int], ...]
@@ -27,7 +29,7 @@ _LEAST_IN_BIN: Final = 5
 _MOST_POINTS: Final = 101
 
 
-def design_effect(residuals: NDArray[np.float64], subjects: Sequence[str]) -> float:
+def design_effect(residuals: Floats, subjects: Sequence[str]) -> float:
     """Factor by which a mean over cases varies more than one over independent cases.
 
     Parameters
@@ -81,7 +83,7 @@ def share_interval(right: NDArray[np.generic], subjects: Sequence[str]) -> tuple
     return float(low), float(high)
 
 
-def wilson_interval(share: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
+def wilson_interval(share: ArrayLike, n: ArrayLike) -> Floats:
     """95 % interval of shares of n independent cases, low and high ends, (2, ...) float64.
 
     Wilson, Probable inference, J Am Stat Assoc, 1927.
@@ -93,7 +95,7 @@ def wilson_interval(share: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
 
 
 def loss_interval(
-    losses: NDArray[np.float64], subjects: Sequence[str], most: float = np.inf
+    losses: Floats, subjects: Sequence[str], most: float = np.inf
 ) -> tuple[float, float] | None:
     """95 % interval of a mean of losses, none below 0; None for one case or one subject.
 
@@ -130,10 +132,10 @@ class Auc(NamedTuple):
     """
 
     value: float
-    influences: NDArray[np.float64]
+    influences: Floats
 
 
-def auc(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> Auc:
+def auc(scores: Floats, is_class: Bools) -> Auc:
     """Area under the curve of a score; the class has cases, and so has the rest.
 
     Notes
@@ -151,7 +153,7 @@ def auc(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> Auc:
     return Auc(value, (shares - value) / np.where(is_class, m, n))
 
 
-def _below(others: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:
+def _below(others: Floats, scores: Floats) -> Floats:
     """Share of the others below each score; equal ones count by half."""
     ranked = np.sort(others)
     twice = np.searchsorted(ranked, scores) + np.searchsorted(ranked, scores, "right")
@@ -159,10 +161,7 @@ def _below(others: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[
 
 
 def auc_interval(
-    value: float,
-    influences: NDArray[np.float64],
-    counts: Sequence[tuple[int, int]],
-    subjects: Sequence[str],
+    value: float, influences: Floats, counts: Sequence[tuple[int, int]], subjects: Sequence[str]
 ) -> tuple[float, float]:
     """95 % interval of an area, or of the mean of several.
 
@@ -204,7 +203,7 @@ def auc_interval(
     return bound(0.0), bound(1.0)
 
 
-def roc_curve(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> RocCurve:
+def roc_curve(scores: Floats, is_class: Bools) -> RocCurve:
     """Corners of the curve; empty if the class, or the rest, has no case."""
     m, n = int(is_class.sum()), int((~is_class).sum())
     if not m or not n:
@@ -219,9 +218,7 @@ def roc_curve(scores: NDArray[np.float64], is_class: NDArray[np.bool_]) -> RocCu
     return tuple((round(x, 6), round(y, 6)) for x, y in pairs)
 
 
-def calibration_curve(
-    confidence: NDArray[np.float64], right: NDArray[np.bool_], n_repetitions: int = 1
-) -> Curve:
+def calibration_curve(confidence: Floats, right: Bools, n_repetitions: int = 1) -> Curve:
     """Mean probability of the label, share that was right and number of cases, by bins.
 
     Parameters

@@ -7,7 +7,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+
+from modalmotion.representation import Floats, Ints
 
 # Cases are left out in as many parts, with their group, to fit temperatures and weights.
 _N_FOLDS: Final = 10
@@ -16,8 +17,7 @@ _LIMITS: Final = (0.05, 400.0)
 # What is constant has no variance, and would make the covariance singular.
 _LEAST: Final = 1e-9
 
-Array = NDArray[np.float64]
-Labels = NDArray[np.int64]
+Labels = Ints
 
 
 class Linear(NamedTuple):
@@ -29,10 +29,10 @@ class Linear(NamedTuple):
     intercepts : (classes,) float64
     """
 
-    weights: Array
-    intercepts: Array
+    weights: Floats
+    intercepts: Floats
 
-    def scores(self, X: Array) -> Array:
+    def scores(self, X: Floats) -> Floats:
         """Scores, (cases, classes)."""
         return np.asarray(X @ self.weights + self.intercepts)
 
@@ -41,7 +41,7 @@ class Linear(NamedTuple):
         return Linear(self.weights * factor, self.intercepts * factor)
 
 
-def discriminant(X: Array, y: Labels, n_classes: int) -> Linear:
+def discriminant(X: Floats, y: Labels, n_classes: int) -> Linear:
     """Log p(k | x) up to a constant, by classes of one shrunk covariance.
 
     z' S^-1 m_k - m_k' S^-1 m_k / 2 + log prior_k, of scaled features z and class means m_k.
@@ -88,13 +88,13 @@ def discriminant(X: Array, y: Labels, n_classes: int) -> Linear:
     return Linear(weights, intercepts - centre @ weights)
 
 
-def class_means(z: Array, y: Labels, n_classes: int) -> Array:
+def class_means(z: Floats, y: Labels, n_classes: int) -> Floats:
     """Mean of the cases of each class, (classes, features); 0 of a class without any."""
     is_member = (y == np.arange(n_classes)[:, None]).astype(np.float64)
     return np.asarray(is_member @ z / np.maximum(is_member.sum(axis=1), 1.0)[:, None])
 
 
-def left_out_scores(X: Array, y: Labels, n_classes: int, groups: Labels) -> Array:
+def left_out_scores(X: Floats, y: Labels, n_classes: int, groups: Labels) -> Floats:
     """Scores of each case by fits without its group, (cases, classes)."""
     scores = np.zeros((len(y), n_classes))
     for train, test in inner_folds(y, groups):
@@ -123,12 +123,12 @@ def inner_folds(y: Labels, groups: Labels) -> Iterator[tuple[Labels, Labels]]:
             yield np.flatnonzero(fold != k), np.flatnonzero(fold == k)
 
 
-def log_losses(scores: Array, y: Labels) -> Array:
+def log_losses(scores: Floats, y: Labels) -> Floats:
     """-log p(y) of each case, (cases,), nats."""
     return np.asarray(-scipy.special.log_softmax(scores, axis=1)[np.arange(len(y)), y])
 
 
-def temperature_of(scores: Array, y: Labels) -> float:
+def temperature_of(scores: Floats, y: Labels) -> float:
     """Temperature T for which softmax(scores / T) makes left-out labels most likely.
 
     Guo, Pleiss, Sun and Weinberger, On calibration of modern neural networks, ICML, 2017. Of n
@@ -149,7 +149,7 @@ def temperature_of(scores: Array, y: Labels) -> float:
     return float(spread / np.exp(found.x))
 
 
-def _solved(residuals: Array, right: Array) -> Array:
+def _solved(residuals: Floats, right: Floats) -> Floats:
     """Solve S x = right with the shrunk covariance S of residuals: see `discriminant`."""
     n, d = residuals.shape
     gram = residuals @ residuals.T if d > n else residuals.T @ residuals

@@ -21,7 +21,7 @@ from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.errors import TopologyError
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 
@@ -42,7 +42,6 @@ OF_DETECTOR: Final = (
 )
 """Arrays that answers depend on."""
 
-Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -156,12 +155,12 @@ class Model(FrozenArrays, Saved, Plotted):
     readable: Readable
     tables: tuple[Extractor, ...]
     columns: tuple[Column, ...]
-    weights: Array
-    intercepts: Array
-    centre: Array
+    weights: Floats
+    intercepts: Floats
+    centre: Floats
     outliers: OutlierDetector
-    shares: Array
-    strangeness: tuple[Array, ...]
+    shares: Floats
+    strangeness: tuple[Floats, ...]
     notes: dict[str, tuple[str, ...]]
     card: ModelCard
     cross_validation: CrossValidation | None = None
@@ -197,23 +196,23 @@ class Model(FrozenArrays, Saved, Plotted):
         return any(table.walls and table.reads_motion for table in self.tables)
 
     @cached_property
-    def reads(self) -> Array:
+    def reads(self) -> Floats:
         """1 where a feature is read from a mode, (features, modes)."""
         found = np.zeros((len(self.columns), self.readable.n_modes))
         for row, column in zip(found, self.columns, strict=True):
             row[list(column.modes)] = 1.0
         return found
 
-    def features(self, motion: Motion) -> Array:
+    def features(self, motion: Motion) -> Floats:
         """Features of a motion, of all tables, (features,)."""
         return np.concatenate([table.values(motion) for table in self.tables])
 
-    def probabilities(self, features: Array) -> Array:
+    def probabilities(self, features: Floats) -> Floats:
         """Probabilities, (cases, classes), of features (cases, features)."""
         scores = features @ self.weights + self.intercepts
         return np.asarray(scipy.special.softmax(scores, axis=1))
 
-    def contradicts(self, share: float) -> NDArray[np.bool_]:
+    def contradicts(self, share: float) -> Bools:
         """Which classes the share of the volume that is lost rules out, (classes,).
 
         None where it is not known.
@@ -231,15 +230,13 @@ class Model(FrozenArrays, Saved, Plotted):
         )
 
 
-def strangeness_of(probabilities: Array, y: NDArray[np.int64]) -> tuple[Array, ...]:
+def strangeness_of(probabilities: Floats, y: Ints) -> tuple[Floats, ...]:
     """Strangeness of held-out cases, 1 - (probability of the true class), sorted, by class."""
     strange = 1.0 - probabilities[np.arange(len(y)), y]
     return tuple(np.sort(strange[y == k]) for k in range(probabilities.shape[1]))
 
 
-def holds(
-    strangeness: tuple[Array, ...], probabilities: Array, coverage: float
-) -> NDArray[np.bool_]:
+def holds(strangeness: tuple[Floats, ...], probabilities: Floats, coverage: float) -> Bools:
     """Which classes are in the set that holds the true one with the requested frequency.
 
     Parameters
@@ -270,7 +267,7 @@ def holds(
     return in_set
 
 
-def share_ranges(shares: Array, y: NDArray[np.int64], n_classes: int) -> Array:
+def share_ranges(shares: Floats, y: Ints, n_classes: int) -> Floats:
     """Ranges of the volume share of each class, (classes, 2): see `Model.shares`.
 
     Of n cases spread evenly the range is short of the true one by two parts in n + 1: it is made

@@ -14,6 +14,7 @@ from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.mesh.spring_modes import Modes, wave_pairs
 from modalmotion.modes.topology import CUP
+from modalmotion.representation import Floats, Ints
 from modalmotion.signature.making import ModalSignature, SignatureKind
 
 N_HARMONICS: Final = 2
@@ -30,7 +31,6 @@ _MOST_OF_PERIOD: Final = 0.75
 _RANK: Final = 1e-8
 _FLAT: Final = 1e-6
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
@@ -95,7 +95,7 @@ class Motion:
         return math.log(max(self.size, 1e-300) * MM_PER_UNIT.get(self.signature.unit or "", 1.0))
 
     @cached_property
-    def shape(self) -> Array:
+    def shape(self) -> Floats:
         """Amplitudes of the mean shape in the frame of the body, (modes, 3)."""
         turned = self._rest @ self._frame.T
         return np.asarray(turned * self._senses[:, None])
@@ -111,7 +111,7 @@ class Motion:
         return terms
 
     @cached_property
-    def cosines(self) -> Array:
+    def cosines(self) -> Floats:
         """First terms c_k of sum c_k cos(k pi t), (N_COSINES, modes, n)."""
         x = self.amplitudes
         n = min(N_COSINES, len(x) - 1)
@@ -151,7 +151,7 @@ class Motion:
         return float(steps.max()) / extent if extent > 0.0 else 0.0
 
     @cached_property
-    def volumes(self) -> Array | None:
+    def volumes(self) -> Floats | None:
         """Volume of a cavity, where one is stated or certain and it stays positive, (frames,)."""
         s = self.signature
         stated = s.facts.cavity
@@ -169,7 +169,7 @@ class Motion:
         return math.log(extents[0] / extents[1])
 
     @cached_property
-    def cycle(self) -> tuple[Array, Array]:
+    def cycle(self) -> tuple[Floats, Floats]:
         """One cycle, (frames, modes, n), and the phase of each frame, rad.
 
         A last frame that repeats the first belongs to the next cycle. Phases follow from the
@@ -190,13 +190,13 @@ class Motion:
         return x, share * (2 * np.pi * turned)
 
     @cached_property
-    def amplitudes(self) -> Array:
+    def amplitudes(self) -> Floats:
         """Amplitudes about their mean, percent of the size, (frames, modes, n)."""
         a = self._turned(self.signature.amplitudes / self.size) * 100.0
         return np.asarray(a - a.mean(axis=0))
 
     @cached_property
-    def _elapsed(self) -> Array:
+    def _elapsed(self) -> Floats:
         """Time of each frame, 0 to 1; evenly spaced where there are no times."""
         times, n = self.signature.times, self.signature.n_frames
         if times is None:
@@ -204,31 +204,31 @@ class Motion:
         return np.asarray((times - times[0]) / (times[-1] - times[0]))
 
     @cached_property
-    def _deforming(self) -> Array:
+    def _deforming(self) -> Floats:
         """Amplitudes of modes that do more than move the whole, (frames, values)."""
         moves_whole = not self.along_normal and self.signature.landmarks is not None
         return self.amplitudes[:, int(moves_whole) :].reshape(self.signature.n_frames, -1)
 
     @cached_property
-    def _flip(self) -> Array:
+    def _flip(self) -> Floats:
         """Signs that make coordinates right-handed, where left-handed ones are stated."""
         return _MIRROR if self.signature.facts.handedness == "left" else np.ones(3)
 
     @cached_property
-    def _rest(self) -> Array:
+    def _rest(self) -> Floats:
         """Amplitudes of the mean shape, along normals those of the reference, (modes, 3)."""
         s = self.signature
         mean = 0.0 if self.along_normal else s.amplitudes.mean(axis=0)
         return np.asarray((s.reference_amplitudes + mean) * self._flip)
 
     @cached_property
-    def _frame(self) -> Array:
+    def _frame(self) -> Floats:
         """Rotation from the coordinates of the input to those of the body, (3, 3)."""
         landmarks = self.signature.landmarks
         if landmarks is not None:
             first, axis = landmarks.theta_zero * self._flip, landmarks.axis * self._flip
             return np.stack([first, _SIGNS @ first @ axis, axis])
-        rows: list[Array] = []
+        rows: list[Floats] = []
         least = _FLAT * float(np.abs(self._rest[1:]).max(initial=0.0))
         # At last any directions, where the shape has none.
         for vector in (*self._rest[1:], *np.eye(3)):
@@ -238,7 +238,7 @@ class Motion:
         return np.stack([*rows, np.cross(rows[0], rows[1])])
 
     @cached_property
-    def _senses(self) -> Array:
+    def _senses(self) -> Floats:
         """-1 for sines of a theta that runs left-handed about the axis, else 1, (modes,)."""
         senses = np.ones(len(self.modes))
         if self.signature.landmarks is not None:
@@ -248,14 +248,14 @@ class Motion:
                 senses[self.modes.is_sine] = -1.0
         return senses
 
-    def _turned(self, vectors: Array) -> Array:
+    def _turned(self, vectors: Floats) -> Floats:
         if vectors.shape[-1] == 3:
             vectors = vectors * self._flip @ self._frame.T
         return np.asarray(vectors * self._senses[:, None])
 
 
 @lru_cache(maxsize=64)
-def _first_turns(modes: Modes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _first_turns(modes: Modes) -> tuple[Ints, Ints]:
     """Find the cosine and the sine of waves that turn once, (waves,) each."""
     cosines, sines = wave_pairs(modes)
     is_first = (sines >= 0) & (modes.wavenumbers[cosines].sum(axis=1) == 1)
@@ -265,8 +265,8 @@ def _first_turns(modes: Modes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 class _Design(NamedTuple):
     """Pseudoinverse of terms over time, and orthonormal trajectories that they can follow."""
 
-    solve: Array
-    span: Array
+    solve: Floats
+    span: Floats
 
 
 @lru_cache(maxsize=64)

@@ -21,10 +21,9 @@ from modalmotion.classification.options import Timing
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.mesh.spring_modes import Modes, wave_pairs
 from modalmotion.modes.topology import CLOSED
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = Ints
 
 
 class _Places(NamedTuple):
@@ -45,7 +44,7 @@ def has_axis(modes: Modes) -> bool:
     return len(places.flat) > 0 and places.n_rings > 0
 
 
-def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> Array:
+def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> Floats:
     """Read the parts of a cycle about an axis, (features,) float64; see `axis_columns`.
 
     Parameters
@@ -214,7 +213,7 @@ def waves_of(modes: Modes, *, walls: bool) -> Waves:
     return Waves(names, members, i, j)
 
 
-def wave_features(terms: NDArray[Any], waves: Waves) -> Array:
+def wave_features(terms: NDArray[Any], waves: Waves) -> Floats:
     """Roots of products of modes over all terms, (features,) float64; see `wave_columns`.
 
     Parameters
@@ -284,7 +283,7 @@ def wave_columns(waves: Waves, n_terms: int, n_directions: int) -> tuple[Column,
     return tuple(columns)
 
 
-def summary(terms: NDArray[Any], waves: Waves) -> Array:
+def summary(terms: NDArray[Any], waves: Waves) -> Floats:
     """Few numbers for few cases: how much each wave, each term and each direction moves."""
     squares = (np.abs(terms) ** 2).sum(axis=2)
     by_wave = np.array([squares[:, list(group)].sum() for group in waves.modes])
@@ -316,14 +315,14 @@ def summary_columns(
     return tuple(columns)
 
 
-def _flat(terms: NDArray[Any]) -> Array:
+def _flat(terms: NDArray[Any]) -> Floats:
     """Rows of the modes' terms, and one of zeros: (modes + 1, terms * n)."""
     rows = terms.transpose(1, 0, 2).reshape(terms.shape[1], -1)
     return np.asarray(np.pad(rows, ((0, 1), (0, 0))))
 
 
 @lru_cache(maxsize=32)
-def _areas(n_terms: int) -> Array:
+def _areas(n_terms: int) -> Floats:
     """int_0^1 (c_k dc_l - c_l dc_k) of c_k = cos(k pi t), k from 1, (terms, terms).
 
     int (a db - b da), twice the signed area between the paths of two modes and their chord, says
@@ -394,7 +393,7 @@ class Extractor:
         """Whether it reads the motion itself, and not the volume of its cavity."""
         return self.what != VOLUME
 
-    def values(self, motion: Motion) -> Array:
+    def values(self, motion: Motion) -> Floats:
         """Features of a motion, (features,) float64.
 
         Of parts about the axis in percent of the size, their roots where they have no sign; else
@@ -404,7 +403,7 @@ class Extractor:
             return _volume(motion)
         return self.values_of(self.terms(motion), motion.modes)
 
-    def values_of(self, terms: NDArray[Any], modes: Modes) -> Array:
+    def values_of(self, terms: NDArray[Any], modes: Modes) -> Floats:
         """Features of a motion of which only the terms of all or the first modes are known."""
         modes = first(modes, self.n_modes)
         if self.what == AXIS:
@@ -499,7 +498,7 @@ def volume_share(motion: Motion) -> float:
     return math.nan if volumes is None else 1.0 - float(volumes.min() / volumes.max())
 
 
-def _volume(motion: Motion) -> Array:
+def _volume(motion: Motion) -> Floats:
     volumes = motion.volumes
     assert volumes is not None  # noqa: S101 (asked for only of motions that have one)
     unit = math.log(MM_PER_UNIT.get(motion.signature.unit or "", 1.0))

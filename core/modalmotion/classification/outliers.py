@@ -9,7 +9,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.classification.linear import class_means
 from modalmotion.classification.motion import Motion
@@ -23,7 +22,7 @@ from modalmotion.classification.motion_features import (
     wave_features,
     waves_of,
 )
-from modalmotion.representation import shown
+from modalmotion.representation import Bools, Floats, Ints, shown
 
 CHECKS: Final = ("kind", "place", "mirrored", "reversed")
 """Scores of a recording: the distance of its kind of motion from every class; that of its amount of
@@ -76,8 +75,7 @@ training case; not a signature that the model reads (another topology, other mod
 in what a recording is unlike the training cases, where that is known. Where one is set, there is no
 label."""
 
-Array = NDArray[np.float64]
-Labels = NDArray[np.int64]
+Labels = Ints
 
 
 class Flag(NamedTuple):
@@ -98,8 +96,8 @@ class Inputs(NamedTuple):
         See `PLACE`.
     """
 
-    kinds: Array
-    places: Array
+    kinds: Floats
+    places: Floats
 
     def of(self, rows: Labels) -> Inputs:
         """Those of some cases."""
@@ -121,7 +119,7 @@ def inputs_of(motions: Iterable[Motion], reader: Extractor) -> Inputs:
     return Inputs(np.array(kinds), np.array(places))
 
 
-def symmetry_signs(motion: Motion, reader: Extractor) -> Array:
+def symmetry_signs(motion: Motion, reader: Extractor) -> Floats:
     """Signs by which the kinds of a mirror image and of reversed time differ, (2, columns).
 
     Each feature keeps its value or becomes its opposite. About an axis a mirror turns twist round
@@ -188,14 +186,14 @@ class OutlierDetector:
     reader: Extractor
     knows_size: bool
     has_unit: bool
-    means: Array
-    whitening: Array
-    points: Array
-    scales: Array
-    directions: Array
-    signs: Array
-    limits: Array
-    bounds: Array
+    means: Floats
+    whitening: Floats
+    points: Floats
+    scales: Floats
+    directions: Floats
+    signs: Floats
+    limits: Floats
+    bounds: Floats
 
     def read(self, motion: Motion) -> Inputs:
         """Read one recording."""
@@ -205,12 +203,12 @@ class OutlierDetector:
             inputs.places[0, 1] = np.median(self.points[:, 1])
         return inputs
 
-    def distances(self, kinds: Array) -> Array:
+    def distances(self, kinds: Floats) -> Floats:
         """Distances from all classes, (cases, classes), of kinds (cases, columns)."""
         apart = (kinds[:, None] - self.means) @ self.whitening
         return np.asarray(np.sqrt(np.einsum("ijk,ijk->ij", apart, apart)))
 
-    def scores(self, inputs: Inputs) -> Array:
+    def scores(self, inputs: Inputs) -> Floats:
         """Scores of `CHECKS`, (cases, checks): the larger, the stranger."""
         # How far each falls short of the nearest class along the directions, and its images do.
         seen = np.stack([self.directions.T, (self.signs * self.directions).T])
@@ -260,13 +258,13 @@ class OutlierDetector:
             flags.append(Flag(OUT_OF_DOMAIN, words))
         return tuple(flags)
 
-    def _from_places(self, places: Array) -> Array:
+    def _from_places(self, places: Floats) -> Floats:
         """Distance from the fifth neighbour among the training cases, (cases,)."""
         n = min(_N_NEIGHBOURS, len(self.points))
         apart = scipy.spatial.distance.cdist(places / self.scales, self.points / self.scales)
         return np.asarray(np.partition(apart, n - 1, axis=1)[:, n - 1])
 
-    def _of_place(self, place: Array) -> Flag:
+    def _of_place(self, place: Floats) -> Flag:
         """Flag a size, shape or amount of motion unlike those of the training cases."""
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         outside = np.maximum(low - place, place - high) / self.scales
@@ -371,7 +369,7 @@ def detector_for(
     return detector if np.isnan(scores).any() else with_limits(detector, scores, groups)
 
 
-def with_limits(detector: OutlierDetector, scores: Array, groups: Labels) -> OutlierDetector:
+def with_limits(detector: OutlierDetector, scores: Floats, groups: Labels) -> OutlierDetector:
     """Give a detector the limits within which a share of new cases stays in all scores together.
 
     Each has its own limit; then all are raised by one number of their standard deviations.
@@ -401,7 +399,7 @@ def with_limits(detector: OutlierDetector, scores: Array, groups: Labels) -> Out
     return replace(detector, limits=limits)
 
 
-def _limit(held_out: Array) -> float:
+def _limit(held_out: Floats) -> float:
     """Score that a share of new cases stays within.
 
     The k-th of n is exceeded by a new one with probability 1 - k / (n + 1). Where the farthest is
@@ -416,7 +414,7 @@ def _limit(held_out: Array) -> float:
     return float(ordered[-1] - b * np.log((n + 1) * (1.0 - KNOWN_SHARE)))
 
 
-def _whitening(residuals: Array) -> Array:
+def _whitening(residuals: Floats) -> Floats:
     """Whitening of the shrunk covariance of residuals, over the root of the columns."""
     n, d = residuals.shape
     S = residuals.T @ residuals / n
@@ -427,7 +425,7 @@ def _whitening(residuals: Array) -> Array:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(S)).T / np.sqrt(d))
 
 
-def _direction(kinds: Array, means: Array, y: Labels, changes: NDArray[np.bool_]) -> Array:
+def _direction(kinds: Floats, means: Floats, y: Labels, changes: Bools) -> Floats:
     """Along which motions differ most from their images (Fisher), over the columns that change."""
     direction = np.zeros(kinds.shape[1])
     scale = kinds.std(axis=0)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.classification.intervals import (
     Auc,
@@ -22,7 +21,7 @@ from modalmotion.classification.intervals import (
     roc_curve,
     share_interval,
 )
-from modalmotion.representation import csv_text, shown
+from modalmotion.representation import Bools, Floats, Ints, csv_text, shown
 
 Measured = tuple[float, float, float]
 """A value, and the ends of its 95 % interval."""
@@ -117,24 +116,24 @@ class Answers:
     """
 
     classes: tuple[str, ...]
-    y: NDArray[np.int64]
+    y: Ints
     subjects: Sequence[str]
-    probabilities: NDArray[np.float64]
-    labels: NDArray[np.int64]
+    probabilities: Floats
+    labels: Ints
 
     @property
-    def right(self) -> NDArray[np.bool_]:
+    def right(self) -> Bools:
         """Whether each label is right, (repetitions, cases)."""
         return np.asarray(self.labels == self.y)
 
     @property
-    def log_losses(self) -> NDArray[np.float64]:
+    def log_losses(self) -> Floats:
         """Log loss of each answer, (repetitions, cases), nats."""
         shares = self.probabilities[:, np.arange(len(self.y)), self.y]
         return np.asarray(-np.log(np.maximum(shares, _LEAST)))
 
     @property
-    def briers(self) -> NDArray[np.float64]:
+    def briers(self) -> Floats:
         """Brier score of each answer, (repetitions, cases)."""
         return np.asarray(
             ((self.probabilities - np.eye(len(self.classes))[self.y]) ** 2).sum(axis=2)
@@ -194,7 +193,7 @@ def performance(answers: Answers, *, abstains: bool = False) -> Performance:
 
 
 def _by_class(
-    answers: Answers, hits: Callable[[int], NDArray[np.bool_]], *, is_class: bool
+    answers: Answers, hits: Callable[[int], Bools], *, is_class: bool
 ) -> dict[str, Measured]:
     """Share of the cases of each class, or of no such class, for which something holds."""
     shares, subjects = {}, np.array(answers.subjects)
@@ -255,9 +254,9 @@ class CrossValidation:
     sequence_ids: tuple[str, ...]
     names: tuple[str, ...]
     subjects: tuple[str, ...]
-    y: NDArray[np.int64]
-    probabilities: NDArray[np.float64]
-    folds: NDArray[np.int64]
+    y: Ints
+    probabilities: Floats
+    folds: Ints
 
     def answers(self) -> Answers:
         """Give the answers to measure: the most probable classes."""

@@ -27,6 +27,7 @@ from modalmotion.classification.motion_features import (
 )
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.errors import ParameterError
+from modalmotion.representation import Floats
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.signature.value import first_modes
 
@@ -42,8 +43,6 @@ _MOST_WORDS: Final = 20
 _WORD: Final = "\0"
 
 Covariates = Mapping[str, float | str]
-
-Array = NDArray[np.float64]
 
 
 class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -115,12 +114,12 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         self._fit(X)
         return self
 
-    def fit_transform(self, X: Iterable[Any], y: Any = None, **_: Any) -> Array:
+    def fit_transform(self, X: Iterable[Any], y: Any = None, **_: Any) -> Floats:
         """Fit, and give the features of the same recordings: see `fit` and `transform`."""
         del y
         return self._table(self._fit(X))
 
-    def transform(self, X: Iterable[Any]) -> Array:
+    def transform(self, X: Iterable[Any]) -> Floats:
         """Read the features of recordings.
 
         Parameters
@@ -196,7 +195,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             )
         return Extractor(kind, is_cycle, n, walls)
 
-    def _table(self, signatures: list[ModalSignature]) -> Array:
+    def _table(self, signatures: list[ModalSignature]) -> Floats:
         n, stated = self.readable_.n_modes, list(map(self._stated, signatures))
         own = [self.extractor_.values(Motion(first_modes(one, n))) for one in signatures]
         columns = [name.split(_WORD)[0] for name in self._words.feature_names_]

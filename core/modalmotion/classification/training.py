@@ -42,6 +42,7 @@ from modalmotion.classification.performance import METHODS, CrossValidation, per
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.progress import Progress, as_share, in_percent, part_of
+from modalmotion.representation import Bools, Floats, Ints
 
 # Share of the progress that reading the cases is counted as.
 _READ: Final = 0.4
@@ -56,8 +57,6 @@ _FEW_OF_A_CLASS: Final = 5
 
 # Digits that a model keeps: more would differ between numbers of threads.
 _DIGITS: Final = 9
-
-Array = NDArray[np.float64]
 
 
 def train(
@@ -197,7 +196,7 @@ class _Result(NamedTuple):
     """
 
     final: Fit
-    folds: list[tuple[Fit, Array]]
+    folds: list[tuple[Fit, Floats]]
     detector: OutlierDetector
 
 
@@ -256,7 +255,7 @@ def _model(
     tables, example, n = result.final.tables, cohort.motions[0], len(cohort.classes)
     X = np.concatenate([one.table.X for one in tables], axis=1)
     shares = np.array([volume_share(motion) for motion in cohort.motions])
-    strangeness: tuple[Array, ...] = tuple(np.zeros(0) for _ in cohort.classes)
+    strangeness: tuple[Floats, ...] = tuple(np.zeros(0) for _ in cohort.classes)
     if held_out is not None:
         strangeness = strangeness_of(held_out.probabilities[0], cohort.y)
     extractors = tuple(one.table.extractor for one in tables)
@@ -348,9 +347,7 @@ def _card(
     ), warning
 
 
-def _cross_sets(
-    cohort: Cohort, folds: Sequence[Fold], probabilities: Array
-) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+def _cross_sets(cohort: Cohort, folds: Sequence[Fold], probabilities: Floats) -> tuple[Bools, Ints]:
     """Whether each case's set, calibrated on the other folds, contains its class; and its size."""
     held = np.zeros(len(cohort), dtype=np.bool_)
     sizes = np.zeros(len(cohort), dtype=np.int64)

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.client.connection import JSON, Answer
 from modalmotion.client.errors import understood
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import facts_from_json
-from modalmotion.representation import LONGEST_LINE, shown
+from modalmotion.representation import LONGEST_LINE, Floats, shown
 
 _SHOWN: Final = (
     *("name", "version", "label", "probability", "subject", "kind", "topology", "n_frames"),
@@ -105,12 +104,12 @@ class SignatureArrays:
     id: str
     label: str
     modes: tuple[str, ...]
-    amplitudes: NDArray[np.float64]
-    angular_frequencies: NDArray[np.float64]
-    rms_errors: NDArray[np.float64]
-    weighted_rms_errors: NDArray[np.float64]
-    times: NDArray[np.float64] | None
-    amplitude_deviations: NDArray[np.float64] | None
+    amplitudes: Floats
+    angular_frequencies: Floats
+    rms_errors: Floats
+    weighted_rms_errors: Floats
+    times: Floats | None
+    amplitude_deviations: Floats | None
 
 
 @shown()
@@ -127,8 +126,8 @@ class TemplateModes:
     """
 
     labels: tuple[str, ...]
-    angular_frequencies: NDArray[np.float64]
-    shapes: NDArray[np.float64]
+    angular_frequencies: Floats
+    shapes: Floats
 
 
 @shown("data", "rms", "max_error", "kg_error", "transform")

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from modalmotion.representation import Floats
 from modalmotion.signature.fit import Basis, project
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.signature.superposition import normal_reference
@@ -33,8 +33,8 @@ _BLOCK: Final = 500_000
 
 
 def superposed_positions(
-    signature: ModalSignature, template: Template, basis: Basis, rest: NDArray[np.float64]
-) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+    signature: ModalSignature, template: Template, basis: Basis, rest: Floats
+) -> Iterator[tuple[slice, Floats]]:
     """Positions in the frame of the reference, without rotation, some frames at a time.
 
     Parameters
@@ -84,18 +84,14 @@ def superposed_positions(
         yield part, u
 
 
-def _superposed(
-    coefficients: NDArray[np.float64], rows: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _superposed(coefficients: Floats, rows: Floats) -> Floats:
     """Sum of fields times coefficients, (frames, vertices, n)."""
     f, m, n = coefficients.shape
     by_direction = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(n * f, m)
     return (by_direction @ rows).reshape(f, n, -1).transpose(0, 2, 1)
 
 
-def _amplitudes_of_maps(
-    basis: Basis, q: NDArray[np.float64], frames: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
+def _amplitudes_of_maps(basis: Basis, q: Floats, frames: Floats | None) -> Floats:
     """Amplitudes of the motions by coordinate i along direction j, (3 i + j, 3 modes) float64."""
     rows = []
     for coordinate in q.T:

@@ -10,12 +10,12 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.clinical.segments import rings_of
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS
 from modalmotion.clinical.wall_motion import WallMotion
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.representation import Floats, Ints
 
 N_SECTORS: Final = 16
 """Segments without the tip."""
@@ -38,7 +38,7 @@ _HARMONICS: Final = 25
 _LEAST: Final = 1e-10
 
 
-def phases_of(sequence: MeshSequence) -> NDArray[np.float64]:
+def phases_of(sequence: MeshSequence) -> Floats:
     """Instants of the frames as shares of the cycle, which ends a step after them if unstated."""
     n = sequence.n_frames
     times = np.arange(n, dtype=np.float64) if sequence.times is None else sequence.times
@@ -48,7 +48,7 @@ def phases_of(sequence: MeshSequence) -> NDArray[np.float64]:
     return np.asarray(times / period, dtype=np.float64)
 
 
-def sectors_of(motion: WallMotion) -> NDArray[np.int64]:
+def sectors_of(motion: WallMotion) -> Ints:
     """Sector of each place of a cup, -1 at its tip: 16 like the segments, of any zero of theta."""
     rings = rings_of(np.repeat(motion.places.ways, motion.places.shape[1]))
     turns = motion.places.theta
@@ -56,7 +56,7 @@ def sectors_of(motion: WallMotion) -> NDArray[np.int64]:
     return np.choose(rings, [six, 6 + six, 12 + four, np.full_like(six, -1)])
 
 
-def segment_volumes(motion: WallMotion, segment: NDArray[np.int64], n: int) -> NDArray[np.float64]:
+def segment_volumes(motion: WallMotion, segment: Ints, n: int) -> Floats:
     """Measure the volume between each segment of the wall and the middle line of the cavity.
 
     Parameters
@@ -82,9 +82,7 @@ def segment_volumes(motion: WallMotion, segment: NDArray[np.int64], n: int) -> N
     return np.asarray(volumes * np.sign(volumes.sum()), dtype=np.float64)
 
 
-def volume_gradients(
-    motion: WallMotion, segment: NDArray[np.int64], n: int, frame: int
-) -> NDArray[np.float64]:
+def volume_gradients(motion: WallMotion, segment: Ints, n: int, frame: int) -> Floats:
     """Differentiate each segment's volume by the coefficients of a frame, (functions, n, 3).
 
     Without the sign of `segment_volumes`, a sum of (a x g) . l / 2, with a from the middle line to
@@ -108,20 +106,14 @@ def volume_gradients(
     return gradients
 
 
-def volume_variances(
-    motion: WallMotion, segment: NDArray[np.int64], n: int, frame: int
-) -> NDArray[np.float64]:
+def volume_variances(motion: WallMotion, segment: Ints, n: int, frame: int) -> Floats:
     """Variance of each segment's volume from the errors of positions, (n,) float64."""
     gradients = volume_gradients(motion, segment, n, frame)
     return np.array([motion.variance(gradients[:, k], frame) for k in range(n)])
 
 
 def dyssynchrony(
-    volumes: NDArray[np.float64],
-    phases: NDArray[np.float64],
-    variances: NDArray[np.float64],
-    *,
-    is_smooth: bool = False,
+    volumes: Floats, phases: Floats, variances: Floats, *, is_smooth: bool = False
 ) -> tuple[float, float, float] | None:
     """Measure the spread of the times of smallest volume.
 
@@ -178,9 +170,7 @@ def dyssynchrony(
     return float(value), float(low), float(high)
 
 
-def index_gradient(
-    volumes: NDArray[np.float64], phases: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
+def index_gradient(volumes: Floats, phases: Floats) -> Floats | None:
     """Differentiate the index of volumes without noise by each of them.
 
     Parameters
@@ -212,12 +202,12 @@ def index_gradient(
     if not spread > _INSTANTS[1]:
         return None
     by_time = 100.0 * (away - away.mean()) / ((len(away) - 1) * spread)
-    gradient: NDArray[np.float64] = np.zeros(volumes.shape)
+    gradient: Floats = np.zeros(volumes.shape)
     gradient[:n] = (-splines(times, 1) * (by_time / curvatures)[:, None]).T
     return gradient
 
 
-def _cycle(phases: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _cycle(phases: Floats) -> Floats | None:
     """Phases of one cycle from 0 to 1, (frames + 1,); None if frames are too far apart."""
     phases = phases - phases[0]
     closed = np.append(phases[phases < 1.0 - 1e-9], 1.0)  # without a repeated first frame
@@ -225,23 +215,20 @@ def _cycle(phases: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return None if gaps.max() > _LARGEST_GAP or gaps.min() <= 0.0 else closed
 
 
-def _splines(closed: NDArray[np.float64]) -> scipy.interpolate.CubicSpline:
+def _splines(closed: Floats) -> scipy.interpolate.CubicSpline:
     """Periodic splines of curves that are 1 in one frame and 0 in the others."""
     return scipy.interpolate.CubicSpline(closed, _by_frame(len(closed) - 1), bc_type="periodic")
 
 
-def _by_frame(n: int) -> NDArray[np.float64]:
+def _by_frame(n: int) -> Floats:
     """Values at the n frames of a cycle and at its end, of a unit of each."""
-    frames: NDArray[np.float64] = np.eye(n)
+    frames: Floats = np.eye(n)
     return frames.take(np.arange(n + 1) % n, axis=0)
 
 
 def _curves(
-    volumes: NDArray[np.float64],
-    phases: NDArray[np.float64],
-    variances: NDArray[np.float64],
-    rng: np.random.Generator,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    volumes: Floats, phases: Floats, variances: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
     """Estimate volumes without noise: their mean given the data, and draws, (draws, ...).
 
     Amplitudes of harmonics are normal. Their covariance is what the data have beyond noise: for the
@@ -256,17 +243,13 @@ def _curves(
     whole = alike.sum(axis=1, keepdims=True)
     shares = whole.T @ alike / ((whole**2).sum() or 1.0)
 
-    def tail(
-        y: NDArray[np.float64], noise: NDArray[np.float64], known: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def tail(y: Floats, noise: Floats, known: Floats) -> Floats:
         """Covariance of amplitudes that are independent, beyond noise and what is known."""
         power = ((inverse @ y) ** 2).mean(axis=1) - inverse**2 @ noise.mean(axis=1) - known
         power = scipy.optimize.isotonic_regression(power.reshape(2, n).mean(0), increasing=False).x
         return np.diag(np.tile(np.maximum(power, 0.0), 2))
 
-    def given(
-        y: NDArray[np.float64], noise: NDArray[np.float64], covariance: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def given(y: Floats, noise: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         values, directions = np.linalg.eigh(covariance)
         basis = waves @ (directions * np.sqrt(np.maximum(values, 0.0)))
         # An exact volume would have an infinite weight.
@@ -286,9 +269,7 @@ def _curves(
     return mean * shares + more, drawn * shares + drawn_more
 
 
-def _spikes(
-    amplitudes: NDArray[np.float64], deviations: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _spikes(amplitudes: Floats, deviations: Floats) -> Floats:
     """Covariance of amplitudes, (amplitudes, segments), in directions beyond noise.
 
     Of eigenvalues above the largest that noise alone has; each counts by what of it is in the
@@ -306,7 +287,7 @@ def _spikes(
     return np.asarray((directions * true) @ directions.T, dtype=np.float64)
 
 
-def _parts(volumes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _parts(volumes: Floats) -> tuple[Floats, Floats]:
     """Motion of segments as if each followed the whole volume, and the rest of it."""
     moving = volumes - volumes.mean(axis=0)
     whole = moving.sum(axis=1)
@@ -314,12 +295,12 @@ def _parts(volumes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     return alike, moving - alike
 
 
-def _apart(curves: NDArray[np.float64]) -> float:
+def _apart(curves: Floats) -> float:
     """Spread of the instants at which curves are smallest, as a share of the cycle."""
     return float(_about_mean(curves.argmin(axis=0) / len(curves)).std(ddof=1))
 
 
-def _about_mean(times: NDArray[np.float64]) -> NDArray[np.float64]:
+def _about_mean(times: Floats) -> Floats:
     """Shares of a cycle from their mean direction: a cycle has no first instant."""
     mean = np.angle(np.exp(2j * np.pi * times).mean()) / (2 * np.pi)
     return np.asarray(np.mod(times - mean + 0.5, 1.0) - 0.5, dtype=np.float64)

@@ -7,11 +7,10 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.errors import ParameterError
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 
 # Points between two frames at which a spline's slope is evaluated.
 _FINE: Final = 32
@@ -105,10 +104,7 @@ class _Peak:
 
 
 def _peaks(
-    times: NDArray[np.float64],
-    volumes: NDArray[np.float64],
-    bounds: NDArray[np.float64],
-    period: float | None,
+    times: Floats, volumes: Floats, bounds: Floats, period: float | None
 ) -> tuple[_Peak, _Peak]:
     """Largest fall and rise, periodic if the cycle is closed."""
     n = len(times)
@@ -149,14 +145,12 @@ def _peaks(
     return found[0], found[1]
 
 
-def _central(
-    t: NDArray[np.float64], v: NDArray[np.float64], *, is_closed: bool
-) -> NDArray[np.float64]:
+def _central(t: Floats, v: Floats, *, is_closed: bool) -> Floats:
     """Slopes of chords between the neighbours of each time; at open ends from one side."""
     if is_closed:
         t = np.concatenate([[t[0] - (t[-1] - t[-2])], t])
         v = np.concatenate([v[-2:-1], v])
     else:
         t, v = (np.concatenate([x[:1], x, x[-1:]]) for x in (t, v))
-    slopes: NDArray[np.float64] = (v[2:] - v[:-2]) / (t[2:] - t[:-2])
+    slopes: Floats = (v[2:] - v[:-2]) / (t[2:] - t[:-2])
     return slopes

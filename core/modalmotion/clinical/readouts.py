@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.affine_superposition import superposed_positions
@@ -19,7 +18,7 @@ from modalmotion.mesh.facts import UNKNOWN
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, PLANE
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.representation import counted, numeral, shown, with_article
+from modalmotion.representation import Floats, Ints, counted, numeral, shown, with_article
 from modalmotion.signature.fit import make_basis
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
@@ -78,7 +77,7 @@ class ClinicalReadouts(Plotted):
 
     curve: VolumeCurve
     mesh_curve: VolumeCurve
-    times: NDArray[np.float64] | None
+    times: Floats | None
     unit: str | None
     n_amplitudes: int
     n_openings: int
@@ -272,7 +271,7 @@ def _cavity(template: Template) -> Cavity:
     return cavity_of(template.faces, template.n_vertices)
 
 
-def _size(offsets: NDArray[np.float64]) -> float:
+def _size(offsets: Floats) -> float:
     """Power of two near the size of the surface."""
     size = float(np.abs(offsets).max())
     if size == 0.0:
@@ -289,9 +288,7 @@ def _size(offsets: NDArray[np.float64]) -> float:
     return power_of_two(size)
 
 
-def _measured(
-    cavity: Cavity, used: NDArray[np.int64], positions: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _measured(cavity: Cavity, used: Ints, positions: Floats) -> tuple[Floats, Floats]:
     """Volumes about a vertex, and the distance from it to the farthest vertex."""
     offsets = positions - positions[:, cavity.faces[0, :1]]
     squares = np.einsum("fnd,fnd->fn", offsets, offsets)
@@ -327,9 +324,7 @@ def _slow(sequence: MeshSequence) -> tuple[str, ...]:
     )
 
 
-def _notes(
-    own: NDArray[np.float64], volumes: NDArray[np.float64], name: Fraction
-) -> tuple[str, ...]:
+def _notes(own: Floats, volumes: Floats, name: Fraction) -> tuple[str, ...]:
     if len(own) == 1:
         return ("There is only one frame, so nothing is ejected.",)
     for curve, what, remedy in (

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.clinical.strain import wall_strain
 from modalmotion.errors import NonFiniteError, ShapeError
 from modalmotion.mesh import cavity_of
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.template import make_template
 from modalmotion.tracking.closest import closest_points
 
@@ -57,9 +56,7 @@ class Score:
     stated: float | None
 
 
-def score(
-    truth: MeshSequence, answer: MeshSequence, deviations: NDArray[np.float64] | None = None
-) -> Score:
+def score(truth: MeshSequence, answer: MeshSequence, deviations: Floats | None = None) -> Score:
     """Compare an estimated motion with the true one, frame by frame.
 
     Parameters

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import Facts
@@ -18,7 +17,7 @@ from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.facts import UNKNOWN
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Landmarks, Template
@@ -64,7 +63,7 @@ class RegionalMotion:
     """
 
     names: tuple[str, ...]
-    shares: NDArray[np.float64]
+    shares: Floats
     end_diastole: int
     reason: str
     sequence_id: str
@@ -141,9 +140,9 @@ def regional_motion(
     return RegionalMotion(names, shares, end_diastole, reason, signature.sequence_id)
 
 
-def rings_of(s: NDArray[np.float64]) -> NDArray[np.int64]:
+def rings_of(s: Floats) -> Ints:
     """Return the ring at each height, from 0 basal to 3 apex."""
-    rings: NDArray[np.int64] = 3 - np.searchsorted(_HEIGHTS, s, side="right")
+    rings: Ints = 3 - np.searchsorted(_HEIGHTS, s, side="right")
     return rings
 
 
@@ -165,8 +164,8 @@ def require_ventricle(template: Template, surface: str) -> Landmarks:
 
 
 def at_places(
-    template: Template, facts: Facts, s: NDArray[np.float64], places: NDArray[np.float64]
-) -> tuple[tuple[str, ...], NDArray[np.int64], str]:
+    template: Template, facts: Facts, s: Floats, places: Floats
+) -> tuple[tuple[str, ...], Ints, str]:
     """Return the segment of each place on the reference.
 
     Parameters

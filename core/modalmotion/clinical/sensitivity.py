@@ -6,7 +6,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.clinical.dyssynchrony import (
     N_SECTORS,
@@ -27,7 +26,7 @@ from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import CUP
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.template import Template
@@ -55,7 +54,7 @@ class Sensitivities:
     names: tuple[str, ...]
     units: tuple[str, ...]
     labels: tuple[ModeLabel, ...]
-    values: NDArray[np.float64]
+    values: Floats
 
 
 def sensitivities(
@@ -118,9 +117,7 @@ def sensitivities(
     )
 
 
-def _moves(
-    signature: ModalSignature, sequence: MeshSequence, template: Template | None
-) -> NDArray[np.float64]:
+def _moves(signature: ModalSignature, sequence: MeshSequence, template: Template | None) -> Floats:
     """Displacement by a unit of each amplitude, unrotated, (modes, directions, vertices, 3)."""
     _, m, n = signature.amplitudes.shape
     # Superposition is linear: a frame at rest, and one for each amplitude.
@@ -133,7 +130,7 @@ def _moves(
     return np.asarray((x[1:] - x[0]).reshape(m, n, *x.shape[1:]), dtype=np.float64)
 
 
-def _of_dyssynchrony(motion: WallMotion, phases: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _of_dyssynchrony(motion: WallMotion, phases: Floats) -> Floats | None:
     """Gradient of the index by the coefficients of every frame, (frames, functions, 3)."""
     if motion.wall.surface != CUP:
         return None

@@ -12,11 +12,11 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, Topology
 from modalmotion.numeric.scales import orthonormal
+from modalmotion.representation import Floats, Ints
 from modalmotion.template import Template
 
 # Functions along s and highest wave around, from fine to coarse: the finest of which the mesh
@@ -51,9 +51,9 @@ class Slopes:
         Variance of each component of both from noise of the vertices.
     """
 
-    along: NDArray[np.float64]
-    around: NDArray[np.float64]
-    noise: NDArray[np.float64]
+    along: Floats
+    around: Floats
+    noise: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +76,13 @@ class Places:
         The functions, and their derivatives by the way and by theta at one way.
     """
 
-    ways: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    s: NDArray[np.float64]
-    theta: NDArray[np.float64]
-    values: NDArray[np.float64]
-    along: NDArray[np.float64]
-    around: NDArray[np.float64]
+    ways: Floats
+    weights: Floats
+    s: Floats
+    theta: Floats
+    values: Floats
+    along: Floats
+    around: Floats
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -112,43 +112,41 @@ class SmoothWall:
     surface: Topology
     n_along: int
     n_waves: int
-    shapes: NDArray[np.float64]
-    projector: NDArray[np.float64]
+    shapes: Floats
+    projector: Floats
     condition: float
     ends: tuple[float, float]
-    faces: NDArray[np.int64]
+    faces: Ints
 
     @cached_property
-    def spread(self) -> NDArray[np.float64]:
+    def spread(self) -> Floats:
         """Covariance of the coefficients for vertices of independent noise of variance 1."""
-        covariance: NDArray[np.float64] = self.projector @ self.projector.T
+        covariance: Floats = self.projector @ self.projector.T
         return covariance
 
     @cached_property
-    def middles(self) -> NDArray[np.float64]:
+    def middles(self) -> Floats:
         """Sums of coefficients that are the middles of both ends, (2, functions)."""
         n = self.n_waves + 1  # over one more place than waves these have no mean
         values = self._functions(np.repeat(self.ends, n), np.tile(np.arange(n) / n, 2))
         return np.asarray(values.reshape(2, n, -1).mean(axis=1), dtype=np.float64)
 
-    def coefficients(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def coefficients(self, positions: Floats) -> Floats:
         """Fit positions, (frames, vertices, 3) to (functions, frames, 3)."""
         fitted = np.tensordot(self.projector, positions, axes=(1, 1))
         return np.asarray(fitted, dtype=np.float64)
 
-    def noise(
-        self, positions: NDArray[np.float64], coefficients: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def noise(self, positions: Floats, coefficients: Floats) -> Floats:
         """Mean square residual of each coordinate, (frames,)."""
         n_vertices, n_functions = self.shapes.shape
         squares = [
             float(((x - self.shapes @ coefficients[:, frame]) ** 2).sum())
             for frame, x in enumerate(positions)
         ]
-        per_value: NDArray[np.float64] = np.array(squares) / (3 * (n_vertices - n_functions))
+        per_value: Floats = np.array(squares) / (3 * (n_vertices - n_functions))
         return per_value
 
-    def places(self, coefficients: NDArray[np.float64]) -> Places:
+    def places(self, coefficients: Floats) -> Places:
         """Place a grid by the lengths of lines from apex to base in one frame.
 
         Parameters
@@ -183,9 +181,7 @@ class SmoothWall:
             around=self._functions(s, theta, by="theta"),
         )
 
-    def at_heights(
-        self, places: Places, coefficients: NDArray[np.float64], first: int
-    ) -> NDArray[np.float64]:
+    def at_heights(self, places: Places, coefficients: Floats, first: int) -> Floats:
         """Move surfaces along themselves until their rows are at the heights of one frame.
 
         Heights are shares of the way from the middle of one end to that of the other: those of the
@@ -217,9 +213,7 @@ class SmoothWall:
             moved[:, frame] = inverse @ (values @ coefficients[:, frame])
         return moved
 
-    def slopes(
-        self, places: Places, coefficients: NDArray[np.float64], noise: NDArray[np.float64]
-    ) -> Slopes:
+    def slopes(self, places: Places, coefficients: Floats, noise: Floats) -> Slopes:
         """Return the slopes at places, with their variance from noise.
 
         Parameters
@@ -236,9 +230,7 @@ class SmoothWall:
             np.stack(of_unit, axis=1)[:, :, None] * noise,
         )
 
-    def _functions(
-        self, s: NDArray[np.float64], theta: NDArray[np.float64], by: str = ""
-    ) -> NDArray[np.float64]:
+    def _functions(self, s: Floats, theta: Floats, by: str = "") -> Floats:
         return _functions(self.surface, self.n_along, self.n_waves, s, theta, by)
 
 
@@ -319,13 +311,8 @@ def _n_functions(n_along: int, n_waves: int, surface: Topology) -> int:
 
 
 def _functions(
-    surface: Topology,
-    n_along: int,
-    n_waves: int,
-    s: NDArray[np.float64],
-    theta: NDArray[np.float64],
-    by: str = "",
-) -> NDArray[np.float64]:
+    surface: Topology, n_along: int, n_waves: int, s: Floats, theta: Floats, by: str = ""
+) -> Floats:
     """Evaluate the functions or a derivative of them, (places, functions)."""
     columns = []
     for wave in range(n_waves + 1):
@@ -340,9 +327,7 @@ def _functions(
     return np.concatenate(columns, axis=1)
 
 
-def _along(
-    surface: Topology, wave: int, n: int, s: NDArray[np.float64], *, slope: bool
-) -> NDArray[np.float64]:
+def _along(surface: Topology, wave: int, n: int, s: Floats, *, slope: bool) -> Floats:
     """Evaluate cosines along s, and a power of s for the slope at each open end.
 
     A pole is one point, so a wave around it starts there as a power of the way (as r^m cos(m theta)

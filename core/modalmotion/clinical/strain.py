@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.dyssynchrony import (
@@ -38,6 +37,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts, cavity_of
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, SPHERE
+from modalmotion.representation import Floats, Ints
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template, make_template
@@ -124,12 +124,12 @@ class Strain(Plotted):
     """
 
     names: tuple[str, ...]
-    curves: NDArray[np.float64]
-    deviations: NDArray[np.float64]
+    curves: Floats
+    deviations: Floats
     dyssynchrony: Figure | None
     segments: tuple[str, ...]
-    by_segment: NDArray[np.float64]
-    segment_deviations: NDArray[np.float64]
+    by_segment: Floats
+    segment_deviations: Floats
     end_diastole: int
     end_systole: int
     layer: str
@@ -336,9 +336,7 @@ def _levels(motion: WallMotion, width: float = 1.0) -> list[Measure]:
     ]
 
 
-def _measured(
-    motion: WallMotion, measures: list[Measure], start: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _measured(motion: WallMotion, measures: list[Measure], start: int) -> tuple[Floats, Floats]:
     """Strain of each measure in each frame, and its standard deviation, (frames, measures)."""
     curves = [motion.strain(measure, start) for measure in measures]
     deviations = [
@@ -349,11 +347,7 @@ def _measured(
 
 
 def _estimate_apex(
-    motion: WallMotion,
-    curves: NDArray[np.float64],
-    deviations: NDArray[np.float64],
-    start: int,
-    end: int,
+    motion: WallMotion, curves: Floats, deviations: Floats, start: int, end: int
 ) -> None:
     """Estimate the apical level of a track, and with it the mean of the levels, in place.
 
@@ -378,10 +372,7 @@ def _estimate_apex(
             deviations[frame, place] = np.hypot(own, share * drawn * expected)
 
 
-def _beyond(
-    one: tuple[NDArray[np.float64], NDArray[np.float64]],
-    other: tuple[NDArray[np.float64], NDArray[np.float64]],
-) -> NDArray[np.float64]:
+def _beyond(one: tuple[Floats, Floats], other: tuple[Floats, Floats]) -> Floats:
     """Difference of two measurements of the same data beyond noise, (frames, measures).
 
     With the sign of the difference. The less precise of both contains the noise of the other and
@@ -392,9 +383,7 @@ def _beyond(
     return np.asarray(np.copysign(np.sqrt(squares), a - b))
 
 
-def _choice(
-    motion: WallMotion, curves: NDArray[np.float64], start: int, end: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _choice(motion: WallMotion, curves: Floats, start: int, end: int) -> tuple[Floats, Floats]:
     """Deviation of strain, (measures,), from the choice of each of two frames.
 
     Each other frame counts by the probability that its volume, and not the chosen one's, is the
@@ -415,12 +404,8 @@ def _choice(
 
 
 def _by_segment(
-    motion: WallMotion,
-    segment: NDArray[np.int64],
-    names: tuple[str, ...],
-    start: int,
-    end: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    motion: WallMotion, segment: Ints, names: tuple[str, ...], start: int, end: int
+) -> tuple[Floats, Floats]:
     """Strain of each segment in each frame, and its standard deviation at end systole."""
     values = np.full((motion.n_frames, len(names), len(DIRECTIONS)), np.nan)
     deviations = np.full((len(names), len(DIRECTIONS)), np.nan)
@@ -449,7 +434,7 @@ def _dyssynchrony(motion: WallMotion, sequence: MeshSequence) -> Figure | None:
 
 def _segments(
     template: Template, facts: Facts, motion: WallMotion
-) -> tuple[tuple[str, ...], NDArray[np.int64], str]:
+) -> tuple[tuple[str, ...], Ints, str]:
     """Return the segment of each place."""
     wall, places = motion.wall, motion.places
     if wall.surface != CUP:

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.clinical.wall_motion import WallMotion
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.template import Template
 
 _REMEDY: Final = "State the fact tracking=material if they do (tagging, feature tracking)."
@@ -41,10 +40,10 @@ class Torsion:
     end_diastole, end_systole : int
     """
 
-    twist: NDArray[np.float64]
-    shear: NDArray[np.float64]
-    twist_deviations: NDArray[np.float64]
-    shear_deviations: NDArray[np.float64]
+    twist: Floats
+    shear: Floats
+    twist_deviations: Floats
+    shear_deviations: Floats
     end_diastole: int
     end_systole: int
 
@@ -95,9 +94,7 @@ def torsion(
     )
 
 
-def _twists(
-    motion: WallMotion, axis: NDArray[np.float64], start: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _twists(motion: WallMotion, axis: Floats, start: int) -> tuple[Floats, Floats]:
     """Twist of each frame and its standard deviation, radians.
 
     A ring's rotation is the angle of S = sum z conj(z0), z the position of its points about their
@@ -124,7 +121,7 @@ def _twists(
     return np.sum(angles, axis=0), _errors(motion, by_coefficients, start)
 
 
-def _shears(motion: WallMotion, start: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _shears(motion: WallMotion, start: int) -> tuple[Floats, Floats]:
     """Mean shear of each frame and its standard deviation, radians."""
     a, b = motion.slopes.along, motion.slopes.around
     sizes = [np.linalg.norm(x, axis=2, keepdims=True) for x in (a, b)]
@@ -143,7 +140,7 @@ def _shears(motion: WallMotion, start: int) -> tuple[NDArray[np.float64], NDArra
     return angles - angles[start], _errors(motion, total, start)
 
 
-def _errors(motion: WallMotion, gradients: NDArray[np.float64], start: int) -> NDArray[np.float64]:
+def _errors(motion: WallMotion, gradients: Floats, start: int) -> Floats:
     """Return standard deviations of gradients (functions, frames, 3), for independent frames."""
     variances = np.array(
         [motion.variance(gradients[:, frame], frame) for frame in range(motion.n_frames)]

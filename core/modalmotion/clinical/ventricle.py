@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.rates import Rates, rates_of
@@ -19,7 +18,7 @@ from modalmotion.clinical.torsion import Torsion, torsion
 from modalmotion.clinical.wall_motion import DIRECTIONS
 from modalmotion.errors import InputError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.template import Template
@@ -168,7 +167,7 @@ def strain_json(strain: Strain) -> dict[str, Any]:
     }
 
 
-def _numbers(values: NDArray[np.float64]) -> Any:
+def _numbers(values: Floats) -> Any:
     """Nested lists, None for what is not a number."""
     plain = values.astype(object)
     plain[np.isnan(values)] = None

@@ -8,7 +8,6 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.errors import InputError
@@ -17,7 +16,7 @@ from modalmotion.mesh.checks import difference_deviation
 from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.template import Template
 
 TWO_DEVIATIONS: Final = 2.0
@@ -56,14 +55,14 @@ class VolumeCurve:
         Of these errors at end diastole and at end systole.
     """
 
-    volumes: NDArray[np.float64]
-    bounds: NDArray[np.float64]
+    volumes: Floats
+    bounds: Floats
     fraction: Fraction | None = None
-    deviations: NDArray[np.float64] | None = None
+    deviations: Floats | None = None
     correlation: float = 0.0
 
     @property
-    def reach(self) -> NDArray[np.float64]:
+    def reach(self) -> Floats:
         """Largest error of each volume, (frames,): its bound and two deviations."""
         if self.deviations is None:
             return self.bounds
@@ -172,9 +171,7 @@ class VolumeCurve:
 
 
 def _range(
-    volumes: NDArray[np.float64],
-    reach: NDArray[np.float64],
-    end: Callable[[NDArray[np.float64]], np.float64],
+    volumes: Floats, reach: Floats, end: Callable[[Floats], np.float64]
 ) -> tuple[float, float]:
     return float(end(volumes - reach)), float(end(volumes + reach))
 
@@ -183,9 +180,7 @@ def _lost(largest: float, smallest: float) -> float:
     return 100.0 * (1.0 - smallest / largest)
 
 
-def volume_deviations(
-    sequence: MeshSequence, template: Template, cavity: Cavity
-) -> NDArray[np.float64] | None:
+def volume_deviations(sequence: MeshSequence, template: Template, cavity: Cavity) -> Floats | None:
     """Estimate the standard deviation of the volume in each frame.
 
     Parameters

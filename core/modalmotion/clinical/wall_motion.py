@@ -11,11 +11,11 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.clinical.smooth_wall import Places, Slopes, SmoothWall
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.geometry import vertex_normals
+from modalmotion.representation import Floats
 
 LONGITUDINAL: Final = "longitudinal"
 CIRCUMFERENTIAL: Final = "circumferential"
@@ -47,11 +47,11 @@ class Measure(NamedTuple):
     """
 
     kind: str
-    lines: NDArray[np.float64]
-    shares: NDArray[np.float64] | None = None
+    lines: Floats
+    shares: Floats | None = None
 
     @property
-    def counted(self) -> NDArray[np.float64]:
+    def counted(self) -> Floats:
         """Share of each line, (lines,)."""
         n = len(self.lines)
         return np.full(n, 1.0 / n) if self.shares is None else self.shares
@@ -78,18 +78,14 @@ class WallMotion:
 
     wall: SmoothWall
     places: Places
-    coefficients: NDArray[np.float64]
-    noise: NDArray[np.float64]
+    coefficients: Floats
+    noise: Floats
     uncertainty: Uncertainty | None
     slopes: Slopes
 
     @classmethod
     def of(
-        cls,
-        positions: NDArray[np.float64],
-        uncertainty: Uncertainty | None,
-        wall: SmoothWall,
-        end_diastole: int,
+        cls, positions: Floats, uncertainty: Uncertainty | None, wall: SmoothWall, end_diastole: int
     ) -> WallMotion:
         """Fit the wall to all frames.
 
@@ -116,13 +112,13 @@ class WallMotion:
         return len(self.noise)
 
     @property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Floats:
         """Weight of each place in the mean over the wall, (rows, columns)."""
         columns = self.places.shape[1]
         return np.repeat(self.places.weights[:, None] / columns, columns, axis=1)
 
     @cached_property
-    def stretches(self) -> dict[str, NDArray[np.float64]]:
+    def stretches(self) -> dict[str, Floats]:
         """Lengths of the slopes and the area between them, without the mean of their noise.
 
         To second order |d + e| is |d| and half the variance of e across d over |d|; across are two
@@ -139,10 +135,10 @@ class WallMotion:
             AREA: _without(area, by_a * b**2 + by_b * a**2),
         }
 
-    def strain(self, measure: Measure, start: int) -> NDArray[np.float64]:
+    def strain(self, measure: Measure, start: int) -> Floats:
         """Relative change of a measure since a frame, (frames,), percent."""
         sums = self._sums(measure)
-        change: NDArray[np.float64] = 100.0 * (measure.counted @ (sums / sums[:, [start]] - 1.0))
+        change: Floats = 100.0 * (measure.counted @ (sums / sums[:, [start]] - 1.0))
         return change
 
     def deviation(self, measure: Measure, frame: int, start: int) -> float:
@@ -161,7 +157,7 @@ class WallMotion:
                 variance += self.variance(self._by_heights(by_share, frame, number)[1], number)
         return float(np.sqrt(variance))
 
-    def _by_share(self, measure: Measure, frame: int, start: int) -> NDArray[np.float64]:
+    def _by_share(self, measure: Measure, frame: int, start: int) -> Floats:
         """Change of a strain around, (rows,), points, by the shares at which its rows are."""
         rows = self.stretches[CIRCUMFERENTIAL][:, frame].reshape(self.places.shape)
         lines = measure.lines / self._sums(measure)[:, [start]]
@@ -169,7 +165,7 @@ class WallMotion:
         by_share = weights * np.gradient(rows, self.places.ways, axis=0)
         return np.asarray(by_share.sum(axis=1), dtype=np.float64)
 
-    def _of_bridge(self, by_share: NDArray[np.float64], frame: int, start: int) -> float:
+    def _of_bridge(self, by_share: Floats, frame: int, start: int) -> float:
         """Variance of a strain around as rows of the tissue do not keep their heights.
 
         Pieces of a wall shorten unevenly, each by u e of its own, e the strain of the whole length:
@@ -181,9 +177,7 @@ class WallMotion:
         uneven = _UNEVEN * self.strain(length, start)[frame] / 100.0
         return max(float(uneven**2 * (by_share @ bridge @ by_share)), 0.0)
 
-    def _by_heights(
-        self, by_share: NDArray[np.float64], frame: int, number: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _by_heights(self, by_share: Floats, frame: int, number: int) -> tuple[Floats, Floats]:
         """Gradients of a strain around by the coefficients that set heights: all, and of the base.
 
         Rows have shares f of the way between the middles of both ends: an end that rises by d moves
@@ -205,9 +199,7 @@ class WallMotion:
         others = (by_height @ (1.0 - shares)) * first - by_height @ values
         return by_base + np.outer(others, away / (away @ away)), by_base
 
-    def gradients(
-        self, measure: Measure, frame: int, start: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def gradients(self, measure: Measure, frame: int, start: int) -> tuple[Floats, Floats]:
         """Differentiate a strain by the coefficients of its frame and of the first.
 
         Returns
@@ -228,7 +220,7 @@ class WallMotion:
                 gradient += self._by_heights(by_share, frame, number)[0]
         return gradients
 
-    def variance(self, gradient: NDArray[np.float64], frame: int, *, is_row: bool = False) -> float:
+    def variance(self, gradient: Floats, frame: int, *, is_row: bool = False) -> float:
         """Variance of a number whose gradient by the coefficients of a frame is given.
 
         Errors along the surface do not count for a row that keeps its height.
@@ -246,17 +238,15 @@ class WallMotion:
         apart = float(known.rest[frame] ** 2 * (alike @ (by_vertex**2).sum(axis=1)))
         return max(float(by_mode @ covariances[frame] @ by_mode), 0.0) + apart
 
-    def _sums(self, measure: Measure) -> NDArray[np.float64]:
-        sums: NDArray[np.float64] = measure.lines @ self.stretches[measure.kind]
+    def _sums(self, measure: Measure) -> Floats:
+        sums: Floats = measure.lines @ self.stretches[measure.kind]
         return sums
 
-    def _by_coefficients(
-        self, kind: str, by_stretch: NDArray[np.float64], frame: int
-    ) -> NDArray[np.float64]:
+    def _by_coefficients(self, kind: str, by_stretch: Floats, frame: int) -> Floats:
         places = self.places
         along, around = self.slopes.along[:, frame], self.slopes.around[:, frame]
         weight = by_stretch[:, None]
-        total: NDArray[np.float64]
+        total: Floats
         if kind == LONGITUDINAL:
             total = places.along.T @ (weight * _unit(along))
         elif kind == CIRCUMFERENTIAL:
@@ -268,17 +258,17 @@ class WallMotion:
         return total
 
 
-def _unit(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(x: Floats) -> Floats:
     return _over(x, np.linalg.norm(x, axis=-1, keepdims=True), 0.0)
 
 
-def _without(size: NDArray[np.float64], variance: NDArray[np.float64]) -> NDArray[np.float64]:
+def _without(size: Floats, variance: Floats) -> Floats:
     """Subtract the contribution of transverse noise to a size, if it is small."""
     least = np.sqrt(2.0 * variance)
     return size - _over(variance, 2.0 * np.maximum(size, least), 0.0)
 
 
-def _over(a: NDArray[np.float64], b: NDArray[np.float64], otherwise: float) -> NDArray[np.float64]:
+def _over(a: Floats, b: Floats, otherwise: float) -> Floats:
     """Divide where the divisor is not zero."""
     shape = np.broadcast_shapes(a.shape, b.shape)
     quotient = np.full(shape, otherwise)

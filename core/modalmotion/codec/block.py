@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.codec.coder import (
     Coder,
@@ -35,6 +34,7 @@ from modalmotion.codec.spatial_modes import OrthonormalModes
 from modalmotion.codec.temporal import Quantiser, Temporal, TimeBasis, cosine_basis, restore_basis
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh.checks import FloatArray
+from modalmotion.representation import Floats, Ints
 
 N_FUNCTIONS: Final = 4
 MOST_PARTS: Final = 256
@@ -163,8 +163,7 @@ def _orthonormal(shape: Floats) -> Floats:
     return basis
 
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = Ints
 
 HASH_BYTES: Final = 8
 MOST_QUANTA: Final = 2**51

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ModalMotionError
 from modalmotion.numeric.native import run
+from modalmotion.representation import Floats, Ints
 
-Ints = NDArray[np.int64]
+Ints = Ints
 
 LARGEST_MAGNITUDE: Final = (1 << 40) + 13
 """Larger ones cannot be coded."""
@@ -255,9 +255,6 @@ def zigzag(value: int) -> int:
 def unzigzag(value: int) -> int:
     """Undo `zigzag`."""
     return value >> 1 if value % 2 == 0 else -(value + 1) >> 1
-
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.modes.topology import CLOSED, Topology
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 
 LARGEST_BLOCK: Final = 2**26
 """Coordinates of the largest block, unless a single frame has more."""
@@ -65,7 +65,7 @@ class Header:
     unit: str | None
     topology: Topology | None
     grid: tuple[int, ...] | None
-    times: NDArray[np.float64] | None
+    times: Floats | None
     modes: bytes
     rms: float
     max_error: float
@@ -225,7 +225,7 @@ def _parse_header(section: bytes, limits: ReadLimits) -> Header:
     )
 
 
-def _write_times(times: NDArray[np.float64] | None) -> bytes:
+def _write_times(times: Floats | None) -> bytes:
     if times is None:
         return b"\x00"
     if len(times) > 1:
@@ -235,9 +235,7 @@ def _write_times(times: NDArray[np.float64] | None) -> bytes:
     return b"\x02" + times.astype("<f8").tobytes()
 
 
-def _read_times(
-    section: bytes, position: int, n_frames: int
-) -> tuple[NDArray[np.float64] | None, int]:
+def _read_times(section: bytes, position: int, n_frames: int) -> tuple[Floats | None, int]:
     kind, position = section[position], position + 1
     if kind == 0:
         return None, position
@@ -258,7 +256,7 @@ def _up(value: float) -> float:
     return float(near if float(near) >= value else np.nextafter(near, np.float32(np.inf)))
 
 
-Ints = NDArray[np.int64]
+Ints = Ints
 Grid = tuple[Topology, tuple[int, ...]]
 
 MOST_RELATIONS: Final = 6

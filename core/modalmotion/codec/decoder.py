@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.codec.block import read_block, restore_positions
 from modalmotion.codec.coder import damaged
@@ -23,6 +22,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.checks import FloatArray, given_up
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.representation import Ints
 
 DECODE_LIMITS = ReadLimits()
 
@@ -31,7 +31,7 @@ def decode(
     data: bytes,
     *,
     frames: range | None = None,
-    vertices: range | NDArray[np.int64] | None = None,
+    vertices: range | Ints | None = None,
     limits: ReadLimits = DECODE_LIMITS,
 ) -> MeshSequence:
     """Decode a stream, or some of its frames and vertices.
@@ -87,7 +87,7 @@ def decode(
     )
 
 
-def _require_vertices(vertices: range | NDArray[np.int64], n_vertices: int) -> NDArray[np.int64]:
+def _require_vertices(vertices: range | Ints, n_vertices: int) -> Ints:
     """Numbers of vertices that a stream has, each once."""
     ends = (vertices[0], vertices[-1]) if isinstance(vertices, range) and vertices else (0, 0)
     # A range may be longer than memory.
@@ -109,9 +109,7 @@ def _require_vertices(vertices: range | NDArray[np.int64], n_vertices: int) -> N
     return where.astype(np.int64)
 
 
-def _faces_between(
-    faces: NDArray[np.int64], where: NDArray[np.int64], n_vertices: int
-) -> NDArray[np.int64]:
+def _faces_between(faces: Ints, where: Ints, n_vertices: int) -> Ints:
     """Triangles all of whose corners are there, by their places."""
     place = np.full(n_vertices, -1, dtype=np.int64)
     place[where] = np.arange(len(where))
@@ -130,7 +128,7 @@ def inspect(data: bytes, *, limits: ReadLimits = DECODE_LIMITS) -> Header:
     return read_header(data, limits)[0]
 
 
-def _read_faces(data: bytes, position: int, header: Header) -> tuple[NDArray[np.int64], int]:
+def _read_faces(data: bytes, position: int, header: Header) -> tuple[Ints, int]:
     section, position = read_section(data, position)
     if not header.n_faces:
         return np.zeros((0, 3), dtype=np.int64), position
@@ -144,11 +142,7 @@ def _grid_of(header: Header) -> Grid | None:
 
 
 def _blocks(
-    data: bytes,
-    position: int,
-    header: Header,
-    faces: NDArray[np.int64],
-    span: range,
+    data: bytes, position: int, header: Header, faces: Ints, span: range
 ) -> Iterator[tuple[int, FloatArray]]:
     """First frame and positions of each block that overlaps a span of frames."""
     modes = None

@@ -8,7 +8,6 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import real, whole
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
@@ -30,7 +29,7 @@ from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CLOSED, OPEN, OPEN_CURVE, Topology
 from modalmotion.progress import ShareReport, part_of, silent
-from modalmotion.representation import with_article
+from modalmotion.representation import Floats, Ints, with_article
 
 
 class Effort(StrEnum):
@@ -173,8 +172,7 @@ def _spring_modes(sequence: MeshSequence, cut: Cut) -> PatchModes:
     return PatchModes(edges_of(sequence.faces), n, cut)
 
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = Ints
 
 QUANTA_PER_RMS: Final = 16
 QUANTA_PER_MAX: Final = 64

@@ -16,12 +16,11 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.numeric.native import run
+from modalmotion.representation import Bools, Floats, Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = Ints
 
 
 TILTED: Final = (1, 2)
@@ -46,7 +45,7 @@ class Springs:
     b: Ints
     stiffness: Floats
 
-    def within(self, chosen: NDArray[np.bool_], place: Ints) -> Springs:
+    def within(self, chosen: Bools, place: Ints) -> Springs:
         """Take some springs, between other places."""
         return Springs(place[self.a[chosen]], place[self.b[chosen]], self.stiffness[chosen])
 
@@ -131,11 +130,7 @@ class PatchBasis:
 
 
 def solve_patch(
-    leaves: Sequence[Ints],
-    springs: Springs,
-    signs: Floats,
-    n_joined: int,
-    errors: float,
+    leaves: Sequence[Ints], springs: Springs, signs: Floats, n_joined: int, errors: float
 ) -> PatchBasis:
     """Solve for the modes of a patch.
 

@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.codec.block import MOST_PARTS, N_FUNCTIONS, Block, Parts
 from modalmotion.codec.spatial_modes import OrthonormalModes
@@ -22,6 +21,7 @@ from modalmotion.codec.temporal import (
     quantise,
     restore_basis,
 )
+from modalmotion.representation import Floats, Ints
 
 PRICE: Final = 0.13
 """Squared steps that a bit is worth: the slope of distortion over rate of a fine quantiser."""
@@ -175,13 +175,7 @@ class Trial:
     def _numbers(self) -> tuple[Ints, Ints, Ints]:
         return self.basis, self.coefficients, self.maps
 
-    def block(
-        self,
-        n_frames: int,
-        exponent: int,
-        origin: Ints,
-        width: int = 0,
-    ) -> Block:
+    def block(self, n_frames: int, exponent: int, origin: Ints, width: int = 0) -> Block:
         """Make the block, without modes that no coefficient uses."""
         n_modes = max(1, last_used(self.coefficients.any(axis=0)))
         return Block(
@@ -213,8 +207,7 @@ def leading(used: Any) -> int:
     return len(used) if used.all() else int(np.argmin(used))
 
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,12 +248,7 @@ class Articulated:
         again = self._quantised(shape, first.shifted, first.n_worth)
         return None if again is None else again.trial
 
-    def _quantised(
-        self,
-        numbers: Ints,
-        quantiser: Quantiser,
-        most: int | None,
-    ) -> _Found | None:
+    def _quantised(self, numbers: Ints, quantiser: Quantiser, most: int | None) -> _Found | None:
         n_frames, step = len(self.amplitudes), quantiser.step
         constant = quantiser.restore(numbers) / np.sqrt(n_frames)
         shape = self.modes.synthesise(constant)

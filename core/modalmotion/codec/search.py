@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Saved
 from modalmotion.codec.parts import PRICE, Articulated, Trial, find_parts, leading, rough_bits
@@ -27,9 +26,9 @@ from modalmotion.codec.temporal import (
     restore_basis,
 )
 from modalmotion.mesh.checks import FloatArray
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 
-Ints = NDArray[np.int64]
+Ints = Ints
 
 
 @dataclass(eq=False)
@@ -140,8 +139,6 @@ def _attempt_trajectories(motion: ModalBlock, step: float) -> Trial | None:
     error = ((motion.amplitudes - time_basis.superpose(rows)) ** 2).sum()
     return Trial(kind, together, basis, numbers, float(error))
 
-
-Floats = NDArray[np.float64]
 
 CLOSE_ENOUGH: Final = 0.996
 MOST_ATTEMPTS: Final = 12

@@ -14,7 +14,6 @@ from math import prod
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.codec.coder import damaged, parsing, read_varint, read_varints, write_varint
 from modalmotion.codec.joined_modes import (
@@ -38,9 +37,9 @@ from modalmotion.codec.temporal import (
 )
 from modalmotion.errors import LimitError
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology, require_shape
+from modalmotion.representation import Floats, Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = Ints
 
 SPRINGS: Final = 2
 """First byte of the section of these modes."""
@@ -227,7 +226,7 @@ class LatticeModes:
     fineness: tuple[int, ...]
 
     @cached_property
-    def order(self) -> NDArray[np.int64]:
+    def order(self) -> Ints:
         """Number of the product of each mode, row by row; by wavenumber, then by number."""
         key = np.zeros(self.shape, dtype=np.int64)
         for axis, (ends, n, fine) in enumerate(
@@ -287,7 +286,7 @@ class LatticeModes:
         ends = self.topology.ends
         return sorted(range(len(ends)), key=lambda axis: ends[axis] != CLOSED)
 
-    def _odd_at_pole(self, axis: int) -> NDArray[np.int64]:
+    def _odd_at_pole(self, axis: int) -> Ints:
         """1 where the number of turns of the axis after this one is odd."""
         n = self.shape[axis + 1]
         turns = _quarter_periods(True, n) // 4
@@ -329,7 +328,7 @@ def read_lattice_modes(data: bytes, n_vertices: int) -> LatticeModes:
     return LatticeModes(topology, tuple(shape), tuple(fineness))
 
 
-def _quarter_periods(closed: bool, n: int) -> NDArray[np.int64]:
+def _quarter_periods(closed: bool, n: int) -> Ints:
     """Quarter periods along an axis of each of its functions."""
     index = np.arange(n)
     return 4 * ((index + 1) // 2) if closed else 2 * index

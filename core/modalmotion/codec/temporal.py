@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 import scipy
 from numpy.fft import fft, irfft, rfft
-from numpy.typing import NDArray
+
+from modalmotion.representation import Floats, Ints
 
 
 def cosines(array: Floats, axis: int) -> Floats:
@@ -202,8 +203,7 @@ def _around(magnitude: Floats, half: int, *, itself: bool) -> Floats:
     return window / (2 * half + 1) if itself else (window - magnitude) / (2 * half)
 
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = Ints
 
 
 class Temporal(IntEnum):

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.representation import shown
-
-Floats = NDArray[np.float64]
+from modalmotion.representation import Bools, Floats, shown
 
 # mm within and beyond an edge that must look like inside and like outside. A wall is thicker.
 INNER: Final = 6.0
@@ -112,7 +109,7 @@ class Edges(NamedTuple):
 
     offsets: Floats
     steps: Floats
-    is_found: NDArray[np.bool_]
+    is_found: Bools
     inside: Floats
 
 

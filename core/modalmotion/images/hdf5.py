@@ -13,6 +13,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Contents, Dataset, json_text, write_sealed
 from modalmotion.images.sequence import Image, ImageSequence, parts_of
 from modalmotion.images.volume import Plane, PlaneSet, Volume
+from modalmotion.representation import Floats
 
 FORM: Final = Form("images", 1)
 
@@ -36,7 +37,7 @@ def write_images(path: Path, images: ImageSequence) -> None:
     """
     alike: dict[tuple[str, tuple[int, ...]], list[NDArray[Any]]] = {}
     places: list[_Part] = []
-    affines: list[NDArray[np.float64]] = []
+    affines: list[Floats] = []
     thicknesses: list[float] = []
     for k, frame in enumerate(images.frames):
         for part in () if frame is None else parts_of(frame):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ShapeError
 from modalmotion.images.volume import Plane, PlaneSet, Volume, slices_of
 from modalmotion.mesh.checks import require_times
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Floats, FrozenArrays, shown
 
 Image: TypeAlias = Volume | PlaneSet
 
@@ -43,7 +43,7 @@ class ImageSequence(FrozenArrays):
     """
 
     frames: tuple[Image | None, ...]
-    times: NDArray[np.float64] | None = None
+    times: Floats | None = None
     period: float | None = None
     notes: tuple[str, ...] = ()
 

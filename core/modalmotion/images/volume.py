@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Floats, FrozenArrays, shown
 
 # mm: finer and coarser samples are those of a microscope or of a wrong unit.
 _FINEST: Final = 1e-3
@@ -45,7 +45,7 @@ def require_samples(values: Any, n_axes: int) -> NDArray[Any]:
     return samples
 
 
-def require_affine(affine: Any, n_axes: int) -> NDArray[np.float64]:
+def require_affine(affine: Any, n_axes: int) -> Floats:
     """Check the map from indices to LPS mm, (4, n_axes + 1) or (3, n_axes + 1).
 
     Returns
@@ -90,9 +90,7 @@ def are_missing(samples: NDArray[Any]) -> bool:
 _LEAST_SHARE = 0.5
 
 
-def interpolated(
-    values: NDArray[Any], indices: NDArray[np.float64], *, are_missing: bool
-) -> NDArray[np.float64]:
+def interpolated(values: NDArray[Any], indices: Floats, *, are_missing: bool) -> Floats:
     """Interpolate linearly; NaN outside, and where most samples around are missing.
 
     Parameters
@@ -110,13 +108,13 @@ def interpolated(
     if are_missing:
         return _among_missing(values, indices)
     places = np.ascontiguousarray(indices.T)
-    found: NDArray[np.float64] = scipy.ndimage.map_coordinates(
+    found: Floats = scipy.ndimage.map_coordinates(
         values, places, output=np.float64, order=1, cval=np.nan
     )
     return found
 
 
-def _among_missing(values: NDArray[Any], indices: NDArray[np.float64]) -> NDArray[np.float64]:
+def _among_missing(values: NDArray[Any], indices: Floats) -> Floats:
     """Weigh the samples around each place that are there; no array as large as the image."""
     last = np.array(values.shape) - 1
     with np.errstate(invalid="ignore"):
@@ -143,7 +141,7 @@ class _Samples(FrozenArrays):
     """Samples in space, along as many axes as a subclass has."""
 
     values: NDArray[Any]
-    affine: NDArray[np.float64]
+    affine: Floats
 
     _n_axes: ClassVar[int]
 
@@ -157,7 +155,7 @@ class _Samples(FrozenArrays):
         return tuple(np.linalg.norm(self.affine[:, :-1], axis=0).tolist())
 
     @property
-    def origin(self) -> NDArray[np.float64]:
+    def origin(self) -> Floats:
         """Middle of the first sample, (3,) float64, mm."""
         return self.affine[:, -1]
 
@@ -166,15 +164,15 @@ class _Samples(FrozenArrays):
         return are_missing(self.values)
 
     @cached_property
-    def _inverse(self) -> NDArray[np.float64]:
+    def _inverse(self) -> Floats:
         return np.asarray(np.linalg.pinv(self.affine[:, :-1]), dtype=np.float64)
 
-    def indices(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def indices(self, points: Floats) -> Floats:
         """Turn points (n, 3), mm, or their feet on a plane, to indices (n, axes)."""
-        found: NDArray[np.float64] = (points - self.origin) @ self._inverse.T
+        found: Floats = (points - self.origin) @ self._inverse.T
         return found
 
-    def sample(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sample(self, points: Floats) -> Floats:
         """Interpolate at points (n, 3), mm, or at their feet on a plane; NaN outside the image."""
         return interpolated(self.values, self.indices(points), are_missing=self._are_missing)
 
@@ -208,11 +206,11 @@ class Volume(_Samples):
         i, j, k = self.values.shape
         return i, j, k
 
-    def extents(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def extents(self, directions: Floats) -> Floats:
         """How far a voxel reaches along unit vectors (n, 3): (n,) float64, mm."""
         steps = np.linalg.norm(self.affine[:, :3], axis=0)
         along = directions @ (self.affine[:, :3] / steps)
-        extents: NDArray[np.float64] = np.linalg.norm(along * steps, axis=1)
+        extents: Floats = np.linalg.norm(along * steps, axis=1)
         return extents
 
 
@@ -243,15 +241,15 @@ class Plane(_Samples):
             )
 
     @cached_property
-    def normal(self) -> NDArray[np.float64]:
+    def normal(self) -> Floats:
         """Unit vector across the plane, (3,) float64."""
         across = np.cross(self.affine[:, 0], self.affine[:, 1])
-        unit: NDArray[np.float64] = across / np.linalg.norm(across)
+        unit: Floats = across / np.linalg.norm(across)
         return unit
 
-    def heights(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def heights(self, points: Floats) -> Floats:
         """Distance of points (n, 3) above the plane, (n,) float64, mm."""
-        heights: NDArray[np.float64] = (points - self.origin) @ self.normal
+        heights: Floats = (points - self.origin) @ self.normal
         return heights
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import real, whole_numbers
 from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
@@ -24,7 +23,7 @@ from modalmotion.modes.topology import (
     scales_of,
 )
 from modalmotion.modes.trigonometry import cosines, sin_pi
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 
 
 @shown()
@@ -101,7 +100,7 @@ class Lattice:
         return (float(self.stiffness),) * self.topology.n_axes
 
     @cached_property
-    def squared_speeds(self) -> tuple[NDArray[np.float64], int]:
+    def squared_speeds(self) -> tuple[Floats, int]:
         """K / M of each axis times 2^-exponent, and the exponent, which is even.
 
         Neither overflows where the frequencies, their roots, do not; powers of two are exact.
@@ -132,7 +131,7 @@ class Lattice:
     def _all_modes(self) -> ModeSet:
         return all_modes(self.topology, self.shape)
 
-    def angular_frequencies(self, modes: ModeSet) -> NDArray[np.float64]:
+    def angular_frequencies(self, modes: ModeSet) -> Floats:
         """Angular frequency of each mode, the dispersion relation (7) summed over the axes.
 
         Returns
@@ -155,12 +154,10 @@ class Lattice:
             h = modes.half_periods[:, axis]
             half_angle = sin_pi(h, n if ends == CLOSED else 4 * n)
             omega_squared += (4.0 * ratio) * half_angle**2
-        frequencies: NDArray[np.float64] = np.ldexp(np.sqrt(omega_squared), exponent // 2)
+        frequencies: Floats = np.ldexp(np.sqrt(omega_squared), exponent // 2)
         return frequencies
 
-    def shapes(
-        self, modes: ModeSet, nodes: NDArray[np.int64] | list[int] | None = None
-    ) -> NDArray[np.float64]:
+    def shapes(self, modes: ModeSet, nodes: Ints | list[int] | None = None) -> Floats:
         """Evaluate mode shapes at the nodes, the Phi of (6) K Phi = M Phi Omega^2.
 
         Parameters
@@ -212,7 +209,7 @@ class Lattice:
             by_mode = by_mode * np.where(is_sine, waves.imag, waves.real)
         return by_mode.reshape(len(modes), -1).T
 
-    def scales(self, modes: ModeSet) -> NDArray[np.float64]:
+    def scales(self, modes: ModeSet) -> Floats:
         """Factors that give every shape mean square 1 over the nodes, (modes,) float64.
 
         As on a continuum, but for shapes that alternate from node to node: these are +1 and
@@ -238,9 +235,7 @@ class Lattice:
         require_within_zone(modes, self.shape)
 
 
-def places_along(
-    shape: tuple[int, ...], nodes: NDArray[np.int64] | list[int]
-) -> list[NDArray[np.int64]]:
+def places_along(shape: tuple[int, ...], nodes: Ints | list[int]) -> list[Ints]:
     """Find the place of nodes along each axis.
 
     Parameters

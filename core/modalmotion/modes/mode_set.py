@@ -31,7 +31,7 @@ from modalmotion.modes.topology import (
     require_shape,
     scales_of,
 )
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
 
 
 @shown("topology", "wavenumbers")
@@ -48,8 +48,8 @@ class ModeSet(FrozenArrays):
     """
 
     topology: Topology
-    wavenumbers: NDArray[np.int64]
-    is_sine: NDArray[np.bool_]
+    wavenumbers: Ints
+    is_sine: Bools
 
     def __post_init__(self) -> None:
         self.wavenumbers.setflags(write=False)
@@ -85,7 +85,7 @@ class ModeSet(FrozenArrays):
         )
 
     @cached_property
-    def half_periods(self) -> NDArray[np.int64]:
+    def half_periods(self) -> Ints:
         """Half periods of each shape along each axis, twice counted on non-closed axes.
 
         Returns
@@ -97,7 +97,7 @@ class ModeSet(FrozenArrays):
         return half_periods(self.topology, self.wavenumbers)
 
     @cached_property
-    def is_odd_at_pole(self) -> NDArray[np.bool_]:
+    def is_odd_at_pole(self) -> Bools:
         """Whether the factor along each axis is the sine that vanishes at a pole.
 
         Returns
@@ -107,7 +107,7 @@ class ModeSet(FrozenArrays):
         return odd_at_pole(self.topology, self.wavenumbers)
 
     @cached_property
-    def n_waves(self) -> NDArray[np.int64]:
+    def n_waves(self) -> Ints:
         """Number of factors of each shape that vary; all closed axes count as one.
 
         Returns
@@ -140,7 +140,7 @@ class ModeSet(FrozenArrays):
         """Datasets of the modes in files."""
         return {"wavenumbers": self.wavenumbers, "is_sine": self.is_sine.astype(np.uint8)}
 
-    def take(self, indices: NDArray[np.int64] | list[int] | slice) -> ModeSet:
+    def take(self, indices: Ints | list[int] | slice) -> ModeSet:
         """Modes at these indices, in this order."""
         return ModeSet(self.topology, self.wavenumbers[indices], self.is_sine[indices])
 
@@ -154,7 +154,7 @@ class ModeSet(FrozenArrays):
             np.array([label.part == "sin" for label in labels], dtype=np.bool_),
         )
 
-    def shapes_at(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def shapes_at(self, coordinates: Floats) -> Floats:
         """Evaluate mode shapes Phi, the solutions of (6), at natural coordinates.
 
         Parameters
@@ -195,11 +195,11 @@ class ModeSet(FrozenArrays):
             shapes *= np.where(is_sine, np.sin(phase), np.cos(phase))[:, own]
         return shapes
 
-    def shapes_on(self, surface: Surface) -> NDArray[np.float64]:
+    def shapes_on(self, surface: Surface) -> Floats:
         """Evaluate the shapes at the vertices of a surface, (vertices, modes) float64."""
         return self.shapes_at(surface.coordinates)
 
-    def wavenumbers_on(self, lengths: tuple[float, ...]) -> NDArray[np.float64]:
+    def wavenumbers_on(self, lengths: tuple[float, ...]) -> Floats:
         """Physical wavenumbers |k| on a surface with these axis lengths.
 
         Parameters
@@ -218,16 +218,16 @@ class ModeSet(FrozenArrays):
             k = np.hypot(k, half_turn * self.half_periods[:, axis] / lengths[axis])
         return k
 
-    def frequencies_on(self, surface: Surface, wave_speed: float) -> NDArray[np.float64]:
+    def frequencies_on(self, surface: Surface, wave_speed: float) -> Floats:
         """Angular frequencies w = c k, (modes,) float64, rad per s, in the limit of long waves."""
         finite = tuple(length if length > 0 else np.inf for length in surface.lengths)
-        frequencies: NDArray[np.float64] = wave_speed * self.wavenumbers_on(finite)
+        frequencies: Floats = wave_speed * self.wavenumbers_on(finite)
         return frequencies
 
     def length_of(
         self,
         lengths: tuple[float, ...],
-        angular_frequencies: NDArray[np.float64],  # noqa: ARG002 (springs need them)
+        angular_frequencies: Floats,  # noqa: ARG002 (springs need them)
         wave_speed: float,  # noqa: ARG002
     ) -> float:
         """Geometric mean of the lengths along the coordinates; 1 if one of them is zero."""
@@ -236,7 +236,7 @@ class ModeSet(FrozenArrays):
         return 1.0
 
 
-def _each_once(*columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+def _each_once(*columns: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
     """Give different rows of columns once, a column each, and which of them each row is."""
     rows, own = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
     return rows.T, own.ravel()
@@ -304,7 +304,7 @@ def all_modes(topology: Topology, shape: tuple[int, ...]) -> ModeSet:
     return lowest_modes(topology, _n_modes_of(topology, shape), shape)
 
 
-def squared_keys(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[np.int64]:
+def squared_keys(topology: Topology, wavenumbers: Ints) -> Ints:
     """Squared wavenumbers on the reference surface, times 484 / pi^2: integers, no ties lost.
 
     Raises
@@ -363,7 +363,7 @@ def _lowest(topology: Topology, n_modes: int, shape: tuple[int, ...] | None) -> 
 
 def _modes_within(
     topology: Topology, bound: float, shape: tuple[int, ...] | None
-) -> tuple[ModeSet, tuple[NDArray[np.int64] | NDArray[np.bool_], ...]]:
+) -> tuple[ModeSet, tuple[Ints | Bools, ...]]:
     """All modes whose squared key is at most `bound`, with the keys that sort them."""
     axes = []
     for axis, (ends, weight) in enumerate(zip(topology.ends, _weights(topology), strict=True)):

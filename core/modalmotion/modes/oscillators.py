@@ -11,13 +11,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 from modalmotion.modes.responses import Responses, Twofold, add, multiply, responses
-from modalmotion.representation import FrozenArrays, shown
-
-Array = NDArray[np.float64]
+from modalmotion.representation import Bools, Floats, FrozenArrays, shown
 
 
 @shown()
@@ -36,10 +33,10 @@ class State:
         small steps are as exact as few large ones. Only steps need it.
     """
 
-    amplitudes: NDArray[np.float64]
-    velocities: NDArray[np.float64]
-    amplitude_rests: NDArray[np.float64] | float = 0.0
-    velocity_rests: NDArray[np.float64] | float = 0.0
+    amplitudes: Floats
+    velocities: Floats
+    amplitude_rests: Floats | float = 0.0
+    velocity_rests: Floats | float = 0.0
 
 
 @shown()
@@ -65,8 +62,8 @@ class Oscillators(FrozenArrays):
         If they do not name one oscillator for each mode.
     """
 
-    angular_frequencies: NDArray[np.float64]
-    damping: NDArray[np.float64] | float = 0.0
+    angular_frequencies: Floats
+    damping: Floats | float = 0.0
 
     def __post_init__(self) -> None:
         w = np.array(self.angular_frequencies, dtype=np.float64)
@@ -96,7 +93,7 @@ class Oscillators(FrozenArrays):
         return len(self.angular_frequencies)
 
 
-def energy(oscillators: Oscillators, state: State) -> NDArray[np.float64]:
+def energy(oscillators: Oscillators, state: State) -> Floats:
     """Kinetic and strain energy of each mode, per unit mass.
 
     Parameters
@@ -115,7 +112,7 @@ def energy(oscillators: Oscillators, state: State) -> NDArray[np.float64]:
     return 0.5 * (state.velocities**2 + (w * state.amplitudes) ** 2)
 
 
-def phase_error(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def phase_error(oscillators: Oscillators, times: Floats) -> Floats:
     """Bound on the error of each oscillator's phase: eps w t.
 
     A frequency known to one float is uncertain by half a unit in its last place, so after a
@@ -155,7 +152,7 @@ def require_state(oscillators: Oscillators, state: State) -> State:
     return State(u, v, state.amplitude_rests, state.velocity_rests)
 
 
-def require_times(times: NDArray[np.float64]) -> NDArray[np.float64]:
+def require_times(times: Floats) -> Floats:
     """Return times as float64.
 
     Raises
@@ -180,12 +177,12 @@ def require_times(times: NDArray[np.float64]) -> NDArray[np.float64]:
     return t
 
 
-def _per_mode(values: NDArray[np.float64], like: NDArray[np.float64]) -> NDArray[np.float64]:
+def _per_mode(values: Floats, like: Floats) -> Floats:
     """One value for each mode, shaped to multiply (modes, ...)."""
     return values.reshape(values.shape + (1,) * (like.ndim - 1))
 
 
-def impulse_response(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def impulse_response(oscillators: Oscillators, times: Floats) -> Floats:
     """Displacement after a unit velocity at time 0.
 
     Parameters
@@ -206,7 +203,7 @@ def impulse_response(oscillators: Oscillators, times: NDArray[np.float64]) -> ND
     return _free_at(oscillators, times).impulse
 
 
-def step_response(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def step_response(oscillators: Oscillators, times: Floats) -> Floats:
     """Displacement under a unit force that stays on from time 0.
 
     Returns
@@ -221,7 +218,7 @@ def step_response(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArr
     return _require_range(_free_at(oscillators, times).step)
 
 
-def ramp_response(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArray[np.float64]:
+def ramp_response(oscillators: Oscillators, times: Floats) -> Floats:
     """Displacement under a force that grows as the time.
 
     Returns
@@ -238,7 +235,7 @@ def ramp_response(oscillators: Oscillators, times: NDArray[np.float64]) -> NDArr
         return _require_range(t[:, None] * _free_at(oscillators, t).ramp)
 
 
-def free_response(oscillators: Oscillators, times: NDArray[np.float64], start: State) -> State:
+def free_response(oscillators: Oscillators, times: Floats, start: State) -> State:
     """Motion without force from an initial displacement and velocity.
 
     Parameters
@@ -270,7 +267,7 @@ def free_response(oscillators: Oscillators, times: NDArray[np.float64], start: S
     return State(A * u0 + g * v0, B * v0 - w2_g * u0)
 
 
-def _free_at(oscillators: Oscillators, times: NDArray[np.float64]) -> Responses:
+def _free_at(oscillators: Oscillators, times: Floats) -> Responses:
     t = require_times(times)
     shape = (len(t), len(oscillators))
     return responses(
@@ -280,7 +277,7 @@ def _free_at(oscillators: Oscillators, times: NDArray[np.float64]) -> Responses:
     )
 
 
-def _require_range(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _require_range(values: Floats) -> Floats:
     beyond = np.argwhere(~np.isfinite(values))
     if beyond.size:
         frame, mode = (int(i) for i in beyond[0])
@@ -315,17 +312,17 @@ class ExactStep:
 
     oscillators: Oscillators
     duration: float
-    kept_whole: Array
-    kept_rest: Array
-    kept_velocity_whole: Array
-    kept_velocity_rest: Array
-    impulse: Array
-    restoring: Array
-    step: Array
-    ramp: Array
+    kept_whole: Floats
+    kept_rest: Floats
+    kept_velocity_whole: Floats
+    kept_velocity_rest: Floats
+    impulse: Floats
+    restoring: Floats
+    step: Floats
+    ramp: Floats
 
     def advance(
-        self, state: State, force_start: Array | float = 0.0, force_end: Array | float = 0.0
+        self, state: State, force_start: Floats | float = 0.0, force_end: Floats | float = 0.0
     ) -> State:
         """State after the step, under a force that is linear over it.
 
@@ -413,9 +410,7 @@ def exact_step(oscillators: Oscillators, duration: float) -> ExactStep:
     return ExactStep(oscillators, duration, A, a, B, b, r.impulse, w2_g, r.step, r.ramp)
 
 
-def driven_states(
-    step: ExactStep, forces: Iterable[NDArray[np.float64]], start: State
-) -> Iterator[State]:
+def driven_states(step: ExactStep, forces: Iterable[Floats], start: State) -> Iterator[State]:
     """Motion under a series of forces, one state for each, in memory for two of them.
 
     Parameters
@@ -440,7 +435,7 @@ def driven_states(
         If a force does not have the state's shape.
     """
     state = require_state(step.oscillators, start)
-    before: NDArray[np.float64] | None = None
+    before: Floats | None = None
     for frame, force in enumerate(forces):
         now = np.asarray(force, dtype=np.float64)
         if not np.isfinite(now).all():
@@ -457,8 +452,8 @@ def driven_states(
 
 
 def _conserving(
-    A: Array, a: Array, b: Array, g: Array, w2_g: Array, *, undamped: NDArray[np.bool_]
-) -> tuple[Array, Array]:
+    A: Floats, a: Floats, b: Floats, g: Floats, w2_g: Floats, *, undamped: Bools
+) -> tuple[Floats, Floats]:
     """Adjust b and w^2 g in their last places until (A + a)(A + b) + w^2 g^2 = 1.
 
     That determinant is the factor by which a step changes the energy. Without this the
@@ -475,7 +470,7 @@ def _conserving(
     return b, w2_g
 
 
-def _determinant_excess(A: Array, a: Array, b: Array, g: Array, w2_g: Array) -> Array:
+def _determinant_excess(A: Floats, a: Floats, b: Floats, g: Floats, w2_g: Floats) -> Floats:
     """Evaluate (A + a)(A + b) + w^2 g^2 - 1 beyond the digits of a float; A = -1, 0 or 1."""
     # A^2 - 1 + A (a + b) + a b + g w^2 g: the large terms cancel.
     zero = np.zeros_like(a)

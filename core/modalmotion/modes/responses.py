@@ -25,11 +25,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.representation import shown
-
-Array = NDArray[np.float64]
+from modalmotion.representation import Bools, Floats, shown
 
 _SPLITTER: Final = 2.0**27 + 1.0
 _LARGEST: Final = 1e300
@@ -38,11 +35,11 @@ _LARGEST: Final = 1e300
 class Twofold(NamedTuple):
     """The sum high + low, low below half a unit in the last place of high."""
 
-    high: Array
-    low: Array
+    high: Floats
+    low: Floats
 
 
-def add(a: Array, b: Array) -> Twofold:
+def add(a: Floats, b: Floats) -> Twofold:
     """Sum a + b without error."""
     high = a + b
     b_seen = high - a
@@ -55,13 +52,13 @@ def multiply(x: Twofold, y: Twofold) -> Twofold:
     return _renormalise(high, low + (x.high * y.low + x.low * y.high))
 
 
-def scale(x: Twofold, factor: Array) -> Twofold:
+def scale(x: Twofold, factor: Floats) -> Twofold:
     """Product of a twofold number and a float."""
     high, low = _product(x.high, factor)
     return _renormalise(high, low + x.low * factor)
 
 
-def divide(a: Array, y: Twofold) -> Twofold:
+def divide(a: Floats, y: Twofold) -> Twofold:
     """Quotient a / y, and 0 where y is 0."""
     is_zero = y.high == 0
     divisor = np.where(is_zero, 1.0, y.high)
@@ -85,7 +82,7 @@ def bounded(x: Twofold) -> Twofold:
     return Twofold(np.where(beyond, np.copysign(_LARGEST, x.high), x.high), x.low * ~beyond)
 
 
-def _product(a: Array, b: Array) -> tuple[Array, ...]:
+def _product(a: Floats, b: Floats) -> tuple[Floats, ...]:
     product = a * b
     a_high, a_low = _split(a)
     b_high, b_low = _split(b)
@@ -93,13 +90,13 @@ def _product(a: Array, b: Array) -> tuple[Array, ...]:
     return product, error
 
 
-def _split(a: Array) -> tuple[Array, ...]:
+def _split(a: Floats) -> tuple[Floats, ...]:
     t = _SPLITTER * a
     high = t - (t - a)
     return high, a - high
 
 
-def _renormalise(high: Array, low: Array) -> Twofold:
+def _renormalise(high: Floats, low: Floats) -> Twofold:
     low = np.where(np.isfinite(low), low, 0.0)
     total = high + low
     return Twofold(total, np.where(np.isfinite(total), low - (total - high), 0.0))
@@ -132,29 +129,29 @@ class Responses(NamedTuple):
         1 - B, to full precision where it is small.
     """
 
-    impulse: Array
-    step: Array
-    ramp: Array
-    kept: Array
-    lost: Array
-    kept_velocity: Array
-    lost_velocity: Array
+    impulse: Floats
+    step: Floats
+    ramp: Floats
+    kept: Floats
+    lost: Floats
+    kept_velocity: Floats
+    lost_velocity: Floats
 
 
 class _Rates(NamedTuple):
-    h: Array
-    w: Array
-    half: Array  # c / 2
-    s: Array  # half the distance of the roots
-    slow: Array  # r
-    fast: Array  # R
+    h: Floats
+    w: Floats
+    half: Floats  # c / 2
+    s: Floats  # half the distance of the roots
+    slow: Floats  # r
+    fast: Floats  # R
     gamma: Twofold  # c h / 2
     x: Twofold  # s h
     slow_z: Twofold  # z = r h
     fast_z: Twofold  # Z = R h
 
 
-def responses(w: Array, c: Array, h: Array) -> Responses:
+def responses(w: Floats, c: Floats, h: Floats) -> Responses:
     """Responses of oscillators after a time.
 
     Parameters
@@ -179,7 +176,7 @@ def responses(w: Array, c: Array, h: Array) -> Responses:
     return Responses(*(row.reshape(shape) for row in out))
 
 
-def _rates(w: Array, c: Array, h: Array) -> _Rates:
+def _rates(w: Floats, c: Floats, h: Floats) -> _Rates:
     half = 0.5 * c
     # s^2 = (c/2 - w)(c/2 + w): the difference is exact, however near the critical damping.
     total = add(half, w)
@@ -195,7 +192,7 @@ def _rates(w: Array, c: Array, h: Array) -> _Rates:
     return _Rates(h, w, half, s.high, slow.high, fast.high, gamma, x, slow_z, fast_z)
 
 
-def _at(q: _Rates, where: NDArray[np.bool_]) -> _Rates:
+def _at(q: _Rates, where: Bools) -> _Rates:
     floats = (a[where] for a in (q.h, q.w, q.half, q.s, q.slow, q.fast))
     h, w, half, s, slow, fast = floats
     twofolds = (Twofold(a.high[where], a.low[where]) for a in (q.gamma, q.x, q.slow_z, q.fast_z))
@@ -203,7 +200,7 @@ def _at(q: _Rates, where: NDArray[np.bool_]) -> _Rates:
     return _Rates(h, w, half, s, slow, fast, gamma, x, slow_z, fast_z)
 
 
-def _near_zero(q: _Rates) -> tuple[Array, ...]:
+def _near_zero(q: _Rates) -> tuple[Floats, ...]:
     """Both roots near 0, or at it: a power series in them."""
     gamma, omega = q.gamma.high, q.w * q.h
     # exp[-z, -Z, 0] = sum (-1)^n h_n(z, Z) / (n + 2)!, one factorial on for each further 0,
@@ -230,7 +227,7 @@ def _near_zero(q: _Rates) -> tuple[Array, ...]:
     )
 
 
-def _oscillating(q: _Rates) -> tuple[Array, ...]:
+def _oscillating(q: _Rates) -> tuple[Floats, ...]:
     """Complex roots, away from 0."""
     E = _exp(q.gamma)
     cosine, g = E * _cos(q.x), E * _sin(q.x) / q.s
@@ -253,7 +250,7 @@ def _oscillating(q: _Rates) -> tuple[Array, ...]:
     )
 
 
-def _decaying(q: _Rates) -> tuple[Array, ...]:
+def _decaying(q: _Rates) -> tuple[Floats, ...]:
     """Real roots, the larger one away from 0."""
     # g = e^-z (1 - e^-2x) / 2s, 2s = R - r; the roots may meet, or be too far for h.
     near = q.x.high < 1.0
@@ -275,35 +272,35 @@ def _decaying(q: _Rates) -> tuple[Array, ...]:
     )
 
 
-def _exp(x: Twofold) -> Array:
+def _exp(x: Twofold) -> Floats:
     """e^-x."""
     return np.exp(-x.high) * (1.0 - x.low)
 
 
-def _mean_decay(x: Twofold) -> Array:
+def _mean_decay(x: Twofold) -> Floats:
     """(1 - e^-2x) / 2x, and 1 at 0."""
     numerator = -np.expm1(-2.0 * x.high) + 2.0 * x.low * np.exp(-2.0 * x.high)
     is_zero = x.high == 0
     return np.where(is_zero, 1.0, numerator / np.where(is_zero, 1.0, 2.0 * x.high))
 
 
-def _sin(x: Twofold) -> Array:
-    sine: Array = np.sin(x.high) * np.cos(x.low) + np.cos(x.high) * np.sin(x.low)
+def _sin(x: Twofold) -> Floats:
+    sine: Floats = np.sin(x.high) * np.cos(x.low) + np.cos(x.high) * np.sin(x.low)
     return sine
 
 
-def _cos(x: Twofold) -> Array:
-    cosine: Array = np.cos(x.high) * np.cos(x.low) - np.sin(x.high) * np.sin(x.low)
+def _cos(x: Twofold) -> Floats:
+    cosine: Floats = np.cos(x.high) * np.cos(x.low) - np.sin(x.high) * np.sin(x.low)
     return cosine
 
 
-def _sinc(x: Twofold) -> Array:
+def _sinc(x: Twofold) -> Floats:
     """sin(x) / x, and 1 at 0."""
     is_zero = x.high == 0
     return np.where(is_zero, 1.0, _sin(x) / np.where(is_zero, 1.0, x.high))
 
 
-def _phi(q: _Rates) -> tuple[Array, Array]:
+def _phi(q: _Rates) -> tuple[Floats, Floats]:
     """(1 - e^-z) / r and its successor, with their limits h and h / 2 at r = 0."""
     z = q.slow_z.high
     is_small = z < 1.0

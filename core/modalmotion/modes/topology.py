@@ -8,10 +8,9 @@ from enum import StrEnum
 from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
-from modalmotion.representation import shown, with_article
+from modalmotion.representation import Bools, Floats, Ints, shown, with_article
 
 
 class End(StrEnum):
@@ -178,13 +177,13 @@ class ModeLabel(NamedTuple):
         return f"(spring {numbers})" if self.part == "spring" else f"({numbers}, {self.part})"
 
 
-def scales_of(n_waves: NDArray[np.int64]) -> NDArray[np.float64]:
+def scales_of(n_waves: Ints) -> Floats:
     """Factors that give shapes with so many waves mean square 1, (modes,) float64."""
-    scales: NDArray[np.float64] = _SCALES[n_waves]
+    scales: Floats = _SCALES[n_waves]
     return scales
 
 
-def odd_at_pole(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[np.bool_]:
+def odd_at_pole(topology: Topology, wavenumbers: Ints) -> Bools:
     """Where a pole axis carries the sine family: the closed axis after it has odd p'."""
     odd = np.zeros(wavenumbers.shape, dtype=np.bool_)
     for axis, ends in enumerate(topology.ends):
@@ -193,7 +192,7 @@ def odd_at_pole(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[n
     return odd
 
 
-def half_periods(topology: Topology, wavenumbers: NDArray[np.int64]) -> NDArray[np.int64]:
+def half_periods(topology: Topology, wavenumbers: Ints) -> Ints:
     """Half periods along each axis: see `ModeSet.half_periods`."""
     odd = odd_at_pole(topology, wavenumbers)
     h = wavenumbers.copy()
@@ -245,7 +244,7 @@ def require_shape(topology: Topology, shape: tuple[int, ...]) -> None:
             )
 
 
-def lattice_coordinates(topology: Topology, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def lattice_coordinates(topology: Topology, shape: tuple[int, ...]) -> Floats:
     """Natural coordinates of every node of a lattice, (nodes, axes) float64.
 
     From 0 to 1 along each axis: (2 n - 1) / 2 N on an axis with ends, n / N on a closed one.
@@ -321,7 +320,7 @@ class Surface(Protocol):
     """Properties of a surface that modes need; a template has them."""
 
     @property
-    def coordinates(self) -> NDArray[np.float64]:
+    def coordinates(self) -> Floats:
         """Natural coordinates, (vertices, axes) float64: see `ModeSet.shapes_at`."""
 
     @property
@@ -329,13 +328,13 @@ class Surface(Protocol):
         """Length along each axis, length unit."""
 
     @property
-    def vertices(self) -> NDArray[np.float64]:
+    def vertices(self) -> Floats:
         """Positions, (vertices, 3) float64, length unit."""
 
     @property
-    def faces(self) -> NDArray[np.int64]:
+    def faces(self) -> Ints:
         """Triangles, (faces, 3) int64."""
 
     @property
-    def representatives(self) -> NDArray[np.int64]:
+    def representatives(self) -> Ints:
         """Vertex that represents each in the triangles, (vertices,) int64."""

@@ -18,6 +18,7 @@ from modalmotion.errors import NonFiniteError, ShapeError
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN
+from modalmotion.representation import Floats, Ints
 
 # Numbers in a block of frames, 8 MB in float64.
 _BLOCK: Final = 1 << 20
@@ -104,7 +105,7 @@ def require_finite(result: NDArray[Any], source: NDArray[Any], first: int, of: s
     )
 
 
-def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> NDArray[np.float64]:
+def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> Floats:
     """Amplitudes of modes in displacements, (2) inverted: a = Phi'u / nodes.
 
     Parameters
@@ -141,11 +142,7 @@ def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> ND
     return amplitudes
 
 
-def superpose(
-    lattice: Lattice,
-    modes: ModeSet,
-    amplitudes: NDArray[Any],
-) -> NDArray[np.float64]:
+def superpose(lattice: Lattice, modes: ModeSet, amplitudes: NDArray[Any]) -> Floats:
     """Displacements of modes with these amplitudes, modal superposition (2) u = Phi a.
 
     Parameters
@@ -177,7 +174,7 @@ def superpose(
     return displacements
 
 
-def project_all(lattice: Lattice, displacements: NDArray[Any]) -> NDArray[np.float64]:
+def project_all(lattice: Lattice, displacements: NDArray[Any]) -> Floats:
     """Amplitudes of every mode of a lattice, (2) inverted: a = Phi'u / nodes.
 
     Parameters
@@ -214,7 +211,7 @@ def project_all(lattice: Lattice, displacements: NDArray[Any]) -> NDArray[np.flo
     return amplitudes
 
 
-def superpose_all(lattice: Lattice, amplitudes: NDArray[Any]) -> NDArray[np.float64]:
+def superpose_all(lattice: Lattice, amplitudes: NDArray[Any]) -> Floats:
     """Displacements of every mode of a lattice with these amplitudes, (2) u = Phi a.
 
     Parameters
@@ -254,7 +251,7 @@ def superpose_all(lattice: Lattice, amplitudes: NDArray[Any]) -> NDArray[np.floa
     return displacements
 
 
-def _places(lattice: Lattice, modes: ModeSet) -> NDArray[np.int64]:
+def _places(lattice: Lattice, modes: ModeSet) -> Ints:
     """Place of each mode's wave vector in the spectrum, row by row."""
     p = modes.wavenumbers % np.array(lattice.shape)
     return np.asarray(np.ravel_multi_index(tuple(p.T), lattice.shape))
@@ -276,7 +273,7 @@ def _forward(lattice: Lattice, values: NDArray[Any]) -> NDArray[np.complex128]:
     return x.reshape(values.shape).astype(np.complex128, copy=False)
 
 
-def _backward(lattice: Lattice, spectrum: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _backward(lattice: Lattice, spectrum: NDArray[np.complex128]) -> Floats:
     """Sum multiples of waves: (nodes, directions)."""
     closed = lattice.topology.closed_axes
     x = spectrum.reshape(*lattice.shape, -1)

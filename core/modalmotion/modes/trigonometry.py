@@ -11,10 +11,11 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from modalmotion.representation import Bools, Floats, Ints
 
 
-def cos_pi(numerator: NDArray[np.int64], denominator: int) -> NDArray[np.float64]:
+def cos_pi(numerator: Ints, denominator: int) -> Floats:
     """cos(pi numerator / denominator).
 
     Parameters
@@ -42,7 +43,7 @@ def cos_pi(numerator: NDArray[np.int64], denominator: int) -> NDArray[np.float64
     return np.where(above, -value, value)
 
 
-def sin_pi(numerator: NDArray[np.int64], denominator: int) -> NDArray[np.float64]:
+def sin_pi(numerator: Ints, denominator: int) -> Floats:
     """sin(pi numerator / denominator), to full relative precision near every zero.
 
     Parameters
@@ -73,12 +74,7 @@ def sin_pi(numerator: NDArray[np.int64], denominator: int) -> NDArray[np.float64
 _LARGEST_CIRCLE: Final = 1 << 16
 
 
-def cosines(
-    factors: NDArray[np.int64],
-    places: NDArray[np.int64],
-    turn: int,
-    is_sine: NDArray[np.bool_],
-) -> NDArray[np.float64]:
+def cosines(factors: Ints, places: Ints, turn: int, is_sine: Bools) -> Floats:
     """cos, or sin, of 2 pi factor place / turn: whole numbers are reduced before the cosine.
 
     Parameters
@@ -103,7 +99,7 @@ def cosines(
 
 
 @lru_cache(maxsize=16)
-def circle_cosines(turn: int) -> NDArray[np.float64]:
+def circle_cosines(turn: int) -> Floats:
     """Cosines of every whole multiple of 1 / `turn` of a turn, with the bits of `cos_pi`.
 
     Every factor of every mode of a lattice is one of these, so that whole axes cost an eighth
@@ -131,9 +127,7 @@ def circle_cosines(turn: int) -> NDArray[np.float64]:
     return cosines
 
 
-def exact_products(
-    factors: NDArray[np.int64], others: NDArray[np.int64], modulus: int
-) -> NDArray[np.int64]:
+def exact_products(factors: Ints, others: Ints, modulus: int) -> Ints:
     """Outer products reduced modulo `modulus`, in exact integers of any length.
 
     Parameters
@@ -148,11 +142,11 @@ def exact_products(
     """
     most = _largest(factors) * _largest(others)
     if most < 2**62:
-        reduced: NDArray[np.int64] = np.multiply.outer(factors, others) % modulus
+        reduced: Ints = np.multiply.outer(factors, others) % modulus
         return reduced
     exact = np.multiply.outer(factors.astype(object), others.astype(object)) % modulus
     return np.asarray(exact, dtype=np.int64)
 
 
-def _largest(integers: NDArray[np.int64]) -> int:
+def _largest(integers: Ints) -> int:
     return max(abs(int(integers.min(initial=0))), abs(int(integers.max(initial=0))))

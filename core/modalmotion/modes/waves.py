@@ -18,13 +18,13 @@ from modalmotion.modes.lattice import Lattice, require_within_zone
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import CLOSED
 from modalmotion.modes.trigonometry import sin_pi
+from modalmotion.representation import Floats, Ints
 
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Spacing = float | tuple[float, ...]
 
 
-def wave_vectors(lattice: Lattice, modes: ModeSet, spacing: Spacing = 1.0) -> Array:
+def wave_vectors(lattice: Lattice, modes: ModeSet, spacing: Spacing = 1.0) -> Floats:
     """Wave vector of each mode, in the first Brillouin zone.
 
     Parameters
@@ -55,7 +55,7 @@ def wave_vectors(lattice: Lattice, modes: ModeSet, spacing: Spacing = 1.0) -> Ar
     return k
 
 
-def dispersion(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
+def dispersion(lattice: Lattice, k: Floats, spacing: Spacing = 1.0) -> Floats:
     """Angular frequency of waves on a lattice, the dispersion relation (7) summed over the axes.
 
     Parameters
@@ -78,7 +78,7 @@ def dispersion(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
     return _length(_frequencies_along(lattice, k, _spacings(lattice, spacing)))
 
 
-def phase_velocity(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
+def phase_velocity(lattice: Lattice, k: Floats, spacing: Spacing = 1.0) -> Floats:
     """Speed w / |k| at which the crests of a wave travel.
 
     Parameters
@@ -101,7 +101,7 @@ def phase_velocity(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
     return np.where(at_rest, limit, w / np.where(at_rest, 1.0, wavenumber))
 
 
-def group_velocity(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
+def group_velocity(lattice: Lattice, k: Floats, spacing: Spacing = 1.0) -> Floats:
     """Velocity dw / dk at which a pulse of waves, and its energy, travels.
 
     Parameters
@@ -125,24 +125,24 @@ def group_velocity(lattice: Lattice, k: Array, spacing: Spacing = 1.0) -> Array:
     return np.asarray(a * _rates(lattice) * np.cos(0.5 * k * a) * share)
 
 
-def _frequencies_along(lattice: Lattice, k: Array, a: Array) -> Array:
+def _frequencies_along(lattice: Lattice, k: Floats, a: Floats) -> Floats:
     """(7) w_i = 2 sqrt(K_i / M) sin(k_i a_i / 2) along each axis, signed."""
     return np.asarray(2.0 * _rates(lattice) * np.sin(0.5 * k * a))
 
 
-def _length(vectors: Array) -> Array:
+def _length(vectors: Floats) -> Floats:
     # hypot, since the square of a small wavenumber may underflow.
     return np.asarray(np.hypot.reduce(vectors, axis=1, initial=0.0))
 
 
-def _rates(lattice: Lattice) -> Array:
+def _rates(lattice: Lattice) -> Floats:
     """sqrt(K / M) of each axis, (axes,) float64."""
     ratios, exponent = lattice.squared_speeds
-    speeds: Array = np.ldexp(np.sqrt(ratios), exponent // 2)
+    speeds: Floats = np.ldexp(np.sqrt(ratios), exponent // 2)
     return speeds
 
 
-def _spacings(lattice: Lattice, spacing: Spacing) -> Array:
+def _spacings(lattice: Lattice, spacing: Spacing) -> Floats:
     n_axes = lattice.topology.n_axes
     each = spacing if isinstance(spacing, tuple) else (spacing,) * n_axes
     if len(each) != n_axes or not all(math.isfinite(a) and a > 0 for a in each):
@@ -153,7 +153,7 @@ def _spacings(lattice: Lattice, spacing: Spacing) -> Array:
     return np.array(each, dtype=np.float64)
 
 
-def _require_wave_vectors(lattice: Lattice, k: Array) -> Array:
+def _require_wave_vectors(lattice: Lattice, k: Floats) -> Floats:
     k = np.asarray(k, dtype=np.float64)
     if k.ndim != 2 or k.shape[1] != lattice.topology.n_axes:
         raise ShapeError(
@@ -176,8 +176,8 @@ _ROUNDING: Final = 64.0
 
 def dynamical_matrices(
     shape: tuple[int, ...],
-    force_constants: Mapping[Any, Array],
-    wavenumbers: NDArray[np.int64],
+    force_constants: Mapping[Any, Floats],
+    wavenumbers: Ints,
     mass: float = 1.0,
 ) -> ComplexArray:
     """Dynamical matrix of each wave vector, D(k) = sum K(l) exp(i k l) / M.
@@ -253,10 +253,10 @@ def dynamical_matrices(
 
 def polarised_waves(
     shape: tuple[int, ...],
-    force_constants: Mapping[Any, Array],
-    wavenumbers: NDArray[np.int64],
+    force_constants: Mapping[Any, Floats],
+    wavenumbers: Ints,
     mass: float = 1.0,
-) -> tuple[Array, ComplexArray]:
+) -> tuple[Floats, ComplexArray]:
     """Frequencies and polarisations of the three waves of each wave vector, slow ones first.
 
     Parameters

@@ -16,9 +16,8 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from modalmotion.representation import numeral, shown
+from modalmotion.representation import Floats, numeral, shown
 
 # First words of the columns about an axis.
 _ABOUT_AXIS: Final = {
@@ -233,8 +232,6 @@ def groups_of(columns: Sequence[str]) -> dict[str, list[int]]:
     return groups
 
 
-Array = NDArray[np.float64]
-
 # Spread of a column, over its size, that is rounding.
 _ROUNDING: Final = 1e-12
 
@@ -259,12 +256,12 @@ def attainable(level: float, n: int) -> float:
     return math.floor(level * (n + 1) + 1e-9) / (n + 1)
 
 
-def as_strange(scores: Array, own: float) -> float:
+def as_strange(scores: Floats, own: float) -> float:
     """Share of a bag, (members,), that is at least as strange as its member of that score."""
     return float((scores >= own).mean())
 
 
-def strangeness(table: Array, groups: Sequence[list[int]]) -> Array:
+def strangeness(table: Floats, groups: Sequence[list[int]]) -> Floats:
     """Strangeness of each member of a bag in each group of columns, over its mean in the bag.
 
     Parameters
@@ -289,14 +286,14 @@ def strangeness(table: Array, groups: Sequence[list[int]]) -> Array:
     return np.asarray(scores / np.where(mean > 0.0, mean, 1.0))
 
 
-def standardised(table: Array) -> Array:
+def standardised(table: Floats) -> Floats:
     """Columns about their mean over their deviation; those that do not vary are left out."""
     spread = table.std(axis=0)
     varies = spread > _ROUNDING * np.maximum(np.abs(table).max(axis=0), np.finfo(float).tiny)
     return np.asarray((table[:, varies] - table[:, varies].mean(axis=0)) / spread[varies])
 
 
-def without_covariates(table: Array, covariates: Array) -> Array:
+def without_covariates(table: Floats, covariates: Floats) -> Floats:
     """Take out of each column what depends on covariates linearly, (members, columns).
 
     Parameters
@@ -312,7 +309,7 @@ def without_covariates(table: Array, covariates: Array) -> Array:
     return np.asarray((table - span @ (span.T @ table)) / np.sqrt(1.0 - leverage)[:, None])
 
 
-def exchange_p(table: Array, n: int, n_exchanges: int = 1999) -> float:
+def exchange_p(table: Floats, n: int, n_exchanges: int = 1999) -> float:
     """Share of exchanges that set the first n of a bag as far apart from the others.
 
     By the energy distance (Szekely and Rizzo, Testing for equal distributions in high dimension,

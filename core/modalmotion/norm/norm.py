@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Saved
 from modalmotion.classification.answer import signature_in
@@ -41,7 +40,7 @@ from modalmotion.norm.deviation import (
     strangeness,
     without_covariates,
 )
-from modalmotion.representation import counted, numeral, shown
+from modalmotion.representation import Floats, counted, numeral, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.value import first_modes
 
@@ -58,8 +57,6 @@ _PER_COLUMN: Final = 10
 
 # Conditions that are numbers: where they differ, another machine or protocol stands behind.
 _CONDITIONS: Final = ("frames", "frame rate", "vertices")
-
-Array = NDArray[np.float64]
 
 
 @shown("sequence_id", "subject")
@@ -84,8 +81,8 @@ class Reading:
         What errors call it.
     """
 
-    values: Array
-    quantities: Array
+    values: Floats
+    quantities: Floats
     fraction: Fraction | None
     conditions: Mapping[str, float | str]
     covariates: Mapping[str, float | str]
@@ -310,7 +307,9 @@ def reading_of(
     )
 
 
-def covariate_table(covariates: Sequence[Mapping[str, float | str]], names: Sequence[str]) -> Array:
+def covariate_table(
+    covariates: Sequence[Mapping[str, float | str]], names: Sequence[str]
+) -> Floats:
     """Covariates as numbers, a word as columns of its own, (members, columns) float64."""
     columns = []
     for name in names:
@@ -347,7 +346,7 @@ def _accounted_for(controls: Sequence[Reading], own: Reading) -> tuple[list[str]
     return names, notes
 
 
-def _quantities(bag: Sequence[Reading], covariates: Array) -> tuple[QuantityDeviation, ...]:
+def _quantities(bag: Sequence[Reading], covariates: Floats) -> tuple[QuantityDeviation, ...]:
     found, table = [], np.array([one.quantities for one in bag])
     for name, values in zip(QUANTITIES, table.T, strict=True):
         if not np.isfinite(values).all():

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from modalmotion.representation import Floats
 
 
-def orthonormal(A: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def orthonormal(A: Floats) -> tuple[Floats, Floats]:
     """Q and R of a matrix, the diagonal of R not negative: a basis has one sign."""
     Q, R = np.linalg.qr(A)
     signs = np.where(np.diag(R) < 0, -1.0, 1.0)
     return Q * signs, R * signs[:, None]
 
 
-def inverse_of_cholesky(A: NDArray[np.float64]) -> NDArray[np.float64]:
+def inverse_of_cholesky(A: Floats) -> Floats:
     """Inverse L^-1 of the lower triangle L with L L' = A.
 
     Raises
@@ -24,7 +25,7 @@ def inverse_of_cholesky(A: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(A)))
 
 
-def gram(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
+def gram(inverse: Floats) -> Floats:
     """A^-1 of L^-1, exactly symmetric."""
     full = inverse.T @ inverse
     return np.asarray((full + full.T) / 2)
@@ -46,7 +47,7 @@ def power_of_two(size: float) -> float:
     return 1.0 if size == 0.0 else float(2.0 ** np.clip(np.frexp(size)[1], -1000, 1000))
 
 
-def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def lengths(vectors: Floats) -> Floats:
     """Lengths of vectors, none too large or too small to be squared.
 
     Parameters
@@ -59,13 +60,11 @@ def lengths(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     if vectors.shape[-1] == 1:
         return np.abs(vectors[..., 0])
-    result: NDArray[np.float64] = np.hypot(
-        np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2]
-    )
+    result: Floats = np.hypot(np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2])
     return result
 
 
-def root_mean_square(values: NDArray[np.float64]) -> float:
+def root_mean_square(values: Floats) -> float:
     """Root mean square without overflow of the squares."""
     largest = float(np.abs(values).max(initial=0.0))
     if largest == 0.0:
@@ -75,7 +74,7 @@ def root_mean_square(values: NDArray[np.float64]) -> float:
     return largest * float(np.sqrt(np.add.reduce(shares, axis=None) / shares.size))
 
 
-def exceeded_by_a_twentieth(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def exceeded_by_a_twentieth(values: Floats) -> Floats:
     """Smallest value in each row that at most a twentieth of the row exceeds.
 
     Parameters
@@ -88,5 +87,5 @@ def exceeded_by_a_twentieth(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     n = values.shape[1]
     place = n - 1 - n // 20
-    result: NDArray[np.float64] = np.partition(values, place, axis=1)[:, place]
+    result: Floats = np.partition(values, place, axis=1)[:, place]
     return result

@@ -7,12 +7,11 @@ from enum import StrEnum
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ToleranceError
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.representation import counted, shown
+from modalmotion.representation import Floats, counted, shown
 from modalmotion.signature.fit import Fit, Fitter, FrameErrors, errors_of, make_basis
 from modalmotion.signature.nested_modes import (
     NestedModes,
@@ -85,7 +84,7 @@ def simple_motions(fitter: Fitter, fit: Fit) -> dict[SceneKind, FrameErrors]:
     shape = fitter.displacements.shape
     moments = shape.moments[:, :3].T @ shape.rest.T
     inverse = np.linalg.pinv(moments, rcond=_FLAT, hermitian=True)
-    squares: dict[SceneKind, list[NDArray[np.float64]]] = {kind: [] for kind in NUMBERS}
+    squares: dict[SceneKind, list[Floats]] = {kind: [] for kind in NUMBERS}
     for block in fitter.displacements.positions():
         sums = block.positions @ shape.moments
         drifts = sums[:, :, 3:]
@@ -280,7 +279,7 @@ def _smallest_within(fitter: Fitter, limit: float) -> tuple[Fit, list[str]]:
         n = min(2 * n, MOST_MODES)
 
 
-def _errors_of(fitter: Fitter, nested: NestedModes) -> tuple[NDArray[np.float64], float]:
+def _errors_of(fitter: Fitter, nested: NestedModes) -> tuple[Floats, float]:
     """Error of each set, of the kind that the tolerance limits, and its rounding."""
     parameters, counts = fitter.parameters, nested.counts
     energies = energies_of(fitter, fitter.fit(nested.basis), parameters.tolerance_of)

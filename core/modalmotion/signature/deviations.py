@@ -22,7 +22,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError
 from modalmotion.mesh import mean_slopes, vertex_areas
@@ -31,6 +30,7 @@ from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numeric.scales import power_of_two
+from modalmotion.representation import Floats
 from modalmotion.signature.fit import Basis, Fit, Fitter, make_basis
 from modalmotion.signature.noise import Noise, estimated
 from modalmotion.template import Template
@@ -52,13 +52,13 @@ def amplitude_deviations(
     uncertainty: Uncertainty,
     template: Template,
     basis: Basis,
-    rotations: NDArray[np.float64],
+    rotations: Floats,
     reference: Reference,
     *,
-    directions: NDArray[np.float64] | None = None,
+    directions: Floats | None = None,
     along_normal: bool = False,
     remove_rotation: bool = True,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Propagate errors of positions to amplitudes.
 
     Parameters
@@ -109,9 +109,7 @@ def amplitude_deviations(
     return unit * _from_reference(own, uncertainty.between_frames, reference)
 
 
-def turns_of_axes(
-    placement: Placement, uncertainty: Uncertainty, rotations: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def turns_of_axes(placement: Placement, uncertainty: Uncertainty, rotations: Floats) -> Floats:
     """Independent turns of a template's axes that make up their errors.
 
     Parameters
@@ -141,7 +139,7 @@ def turns_of_axes(
             covariance += rows @ of_frame @ rows.T / n_frames
     variances, columns = np.linalg.eigh(share * covariance)
     sizes = np.minimum(np.sqrt(np.maximum(variances, 0.0)), _UNKNOWN)
-    turns: NDArray[np.float64] = (columns * sizes).T[sizes > 0]
+    turns: Floats = (columns * sizes).T[sizes > 0]
     return turns
 
 
@@ -157,17 +155,13 @@ class _Rigid:
         How much of each is in an error of each vertex.
     """
 
-    moves: NDArray[np.float64]
-    sizes: NDArray[np.float64]
+    moves: Floats
+    sizes: Floats
 
 
 def _answers(
-    x: NDArray[np.float64],
-    template: Template,
-    directions: NDArray[np.float64] | None,
-    *,
-    along_normal: bool,
-) -> NDArray[np.float64]:
+    x: Floats, template: Template, directions: Floats | None, *, along_normal: bool
+) -> Floats:
     """Find what each component of each vertex answers to, (vertices, n, 3)."""
     if directions is None:
         return np.broadcast_to(np.eye(3), (len(x), 3, 3))
@@ -178,18 +172,13 @@ def _answers(
     cosines = (normals * line).sum(axis=1)
     # Which way triangles are wound is no matter.
     steep = np.abs(cosines) < _STEEP
-    answers: NDArray[np.float64] = normals / np.where(steep, 1.0, cosines)[:, None]
+    answers: Floats = normals / np.where(steep, 1.0, cosines)[:, None]
     answers[steep] = line[steep]
     return answers[:, None]
 
 
 def _rigid(
-    x: NDArray[np.float64],
-    template: Template,
-    q: NDArray[np.float64],
-    *,
-    along_normal: bool,
-    remove_rotation: bool,
+    x: Floats, template: Template, q: Floats, *, along_normal: bool, remove_rotation: bool
 ) -> _Rigid:
     """Rigid motions in an error of a frame's positions."""
     w = template.weights
@@ -223,9 +212,7 @@ def _rigid(
     return _Rigid(np.concatenate([shifts, turns], axis=2), np.concatenate([drift, turn]))
 
 
-def _parts(
-    P: NDArray[np.float64], q: NDArray[np.float64], rigid: _Rigid, uncertainty: Uncertainty
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _parts(P: Floats, q: Floats, rigid: _Rigid, uncertainty: Uncertainty) -> tuple[Floats, Floats]:
     """Find variances of amplitudes by errors apart of variance 1, (modes, n).
 
     And amplitudes by the errors in modes, (modes, n, shapes, 3).
@@ -254,9 +241,7 @@ def _parts(
     return variances, L
 
 
-def _from_reference(
-    own: NDArray[np.float64], between_frames: float, reference: Reference
-) -> NDArray[np.float64]:
+def _from_reference(own: Floats, between_frames: float, reference: Reference) -> Floats:
     """Deviations of differences from the reference, whose errors are correlated with a frame's.
 
     var(e - e') = s^2 - 2 c s s' + s'^2; of the mean shape with all frames' errors in it.
@@ -270,13 +255,11 @@ def _from_reference(
     else:
         c = correlations[:, reference][:, None, None]
         variances = own**2 - 2.0 * c * own * own[reference] + own[reference] ** 2
-    deviations: NDArray[np.float64] = np.sqrt(np.maximum(variances, 0.0))
+    deviations: Floats = np.sqrt(np.maximum(variances, 0.0))
     return deviations
 
 
-def deviations_of(
-    fitter: Fitter, fit: Fit, noise: Noise | None
-) -> tuple[NDArray[np.float64], list[str]]:
+def deviations_of(fitter: Fitter, fit: Fit, noise: Noise | None) -> tuple[Floats, list[str]]:
     """Propagate what is known of the positions' errors to the amplitudes.
 
     Parameters

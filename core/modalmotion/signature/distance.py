@@ -7,12 +7,11 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.mesh.spring_modes import Modes, wave_pairs
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.body_frame import Components
 from modalmotion.template.landmarks import WEAK
@@ -24,7 +23,7 @@ _LARGEST_CONDITION: Final = 1e3
 _EVEN: Final = 1e-9
 
 
-def signature_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def signature_distance(a: Floats, b: Floats) -> float:
     """Distance of amplitudes from others, relative to these.
 
     Parameters
@@ -57,13 +56,13 @@ def signature_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 def resample_to_phase(
-    amplitudes: NDArray[np.float64],
+    amplitudes: Floats,
     n_phases: int,
     *,
-    times: NDArray[np.float64] | None = None,
+    times: Floats | None = None,
     period: float | None = None,
     closed: bool = True,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Amplitudes at evenly spaced phases, for any frame rate.
 
     Parameters
@@ -100,7 +99,7 @@ def resample_to_phase(
     at = np.arange(n_frames, dtype=np.float64) if times is None else times - times[0]
     if not closed:
         spline = scipy.interpolate.CubicSpline(at / at[-1], amplitudes, axis=0)
-        path: NDArray[np.float64] = spline(np.linspace(0.0, 1.0, n_phases))
+        path: Floats = spline(np.linspace(0.0, 1.0, n_phases))
         return path
     span = at[-1] * n_frames / (n_frames - 1) if period is None else period
     if not span > at[-1]:
@@ -122,8 +121,8 @@ def resample_to_phase(
 
 
 def theta_invariants(
-    amplitudes: NDArray[np.float64], modes: Modes, components: Components = Components.CARTESIAN
-) -> NDArray[np.float64]:
+    amplitudes: Floats, modes: Modes, components: Components = Components.CARTESIAN
+) -> Floats:
     """Magnitudes that do not depend on where theta starts.
 
     Moving the zero of theta by phi multiplies the pair (cos, sin) of wavenumber p' by
@@ -160,7 +159,7 @@ def theta_invariants(
     real = amplitudes[:, cosines]
     imaginary = np.where(has_sine[None, :, None], amplitudes[:, sines], 0.0)
     if components == Components.CYLINDRICAL or amplitudes.shape[2] == 1:
-        magnitudes: NDArray[np.float64] = np.hypot(real, imaginary)
+        magnitudes: Floats = np.hypot(real, imaginary)
         return magnitudes
     x, y, z = np.moveaxis(real + 1j * imaginary, 2, 0)
     # |X + i Y|^2 + |X - i Y|^2 = 2 (|X|^2 + |Y|^2)
@@ -168,33 +167,29 @@ def theta_invariants(
     return np.stack([one, other, np.abs(z)], axis=2)
 
 
-def _trigonometric(
-    values: NDArray[np.float64], targets: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _trigonometric(values: Floats, targets: Floats) -> Floats:
     """Interpolate evenly spaced samples of a cycle exactly by harmonics."""
     n = len(values)
     coefficients = np.fft.rfft(values, axis=0) / n
     p = np.arange(len(coefficients))
     factor = np.where((p == 0) | (2 * p == n), 1.0, 2.0)[:, None]
     waves = np.exp(2j * np.pi * np.outer(targets, p))
-    result: NDArray[np.float64] = (waves @ (factor * coefficients)).real
+    result: Floats = (waves @ (factor * coefficients)).real
     return result
 
 
-def _least_squares(
-    values: NDArray[np.float64], phases: NDArray[np.float64], targets: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _least_squares(values: Floats, phases: Floats, targets: Floats) -> Floats:
     """Fit harmonics to uneven samples, as many as they resolve."""
     for n_harmonics in range((len(phases) - 1) // 2, -1, -1):
         design = _harmonics(phases, n_harmonics)
         if n_harmonics == 0 or np.linalg.cond(design) <= _LARGEST_CONDITION:
             break
     coefficients = np.linalg.lstsq(design, values, rcond=None)[0]
-    result: NDArray[np.float64] = _harmonics(targets, n_harmonics) @ coefficients
+    result: Floats = _harmonics(targets, n_harmonics) @ coefficients
     return result
 
 
-def _harmonics(phases: NDArray[np.float64], n_harmonics: int) -> NDArray[np.float64]:
+def _harmonics(phases: Floats, n_harmonics: int) -> Floats:
     angles = 2 * np.pi * np.outer(phases, np.arange(1, n_harmonics + 1))
     return np.concatenate([np.ones((len(phases), 1)), np.cos(angles), np.sin(angles)], axis=1)
 

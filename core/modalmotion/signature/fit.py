@@ -15,7 +15,6 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ModeCountError
 from modalmotion.mesh.alignment import (
@@ -27,7 +26,7 @@ from modalmotion.mesh.alignment import (
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.spring_modes import Modes, whole_counts
 from modalmotion.numeric.scales import exceeded_by_a_twentieth, orthonormal, root_mean_square
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature.parameters import ErrorKind, SignatureKind, SignatureParameters
 from modalmotion.signature.superposition import NormalDisplacements, normal_displacements_of
 from modalmotion.template import Template
@@ -56,17 +55,17 @@ class Basis:
     """
 
     modes: Modes
-    shapes: NDArray[np.float64]
-    triangle: NDArray[np.float64]
-    analysis: NDArray[np.float64]
+    shapes: Floats
+    triangle: Floats
+    analysis: Floats
     condition: float
 
     @cached_property
-    def projector(self) -> NDArray[np.float64]:
+    def projector(self) -> Floats:
         """Weighted least-squares solution: amplitudes of displacements, (modes, vertices)."""
         return np.asarray(np.linalg.solve(self.triangle, self.analysis), dtype=np.float64)
 
-    def orthonormal_rows(self, n_modes: int) -> NDArray[np.float64]:
+    def orthonormal_rows(self, n_modes: int) -> Floats:
         """Shapes Psi = Phi R^-1 of the first modes, orthonormal by weight, (modes, vertices)."""
         R = self.triangle[:n_modes, :n_modes]
         return np.asarray(np.linalg.solve(R.T, self.shapes[:, :n_modes].T), dtype=np.float64)
@@ -90,7 +89,7 @@ def make_basis(template: Template, modes: Modes) -> Basis:
     return factored(modes, shapes_of(modes, template), template.weights)
 
 
-def factored(modes: Modes, shapes: NDArray[np.float64], weights: NDArray[np.float64]) -> Basis:
+def factored(modes: Modes, shapes: Floats, weights: Floats) -> Basis:
     """Factor shapes with weights.
 
     Raises
@@ -112,9 +111,7 @@ def factored(modes: Modes, shapes: NDArray[np.float64], weights: NDArray[np.floa
     return Basis(modes, shapes, R, np.ascontiguousarray((root * Q).T), condition)
 
 
-def _too_many(
-    modes: Modes, R: NDArray[np.float64], message: str, **details: float
-) -> ModeCountError:
+def _too_many(modes: Modes, R: Floats, message: str, **details: float) -> ModeCountError:
     """Error that names the largest number of modes that passes, in whole pairs."""
     counts = whole_counts(modes)
     most = largest_sound(R, counts[counts <= len(R)])
@@ -125,7 +122,7 @@ def _too_many(
     )
 
 
-def largest_sound(R: NDArray[np.float64], counts: NDArray[np.int64]) -> int:
+def largest_sound(R: Floats, counts: Ints) -> int:
     """Find the number of modes of the largest whole set whose amplitudes are worth giving.
 
     Parameters
@@ -174,10 +171,10 @@ class FrameErrors:
         Of any vertex.
     """
 
-    rms: NDArray[np.float64]
-    weighted_rms: NDArray[np.float64]
-    p95: NDArray[np.float64]
-    max: NDArray[np.float64]
+    rms: Floats
+    weighted_rms: Floats
+    p95: Floats
+    max: Floats
 
     def over_frames(self, kind: ErrorKind) -> float:
         """Error that a tolerance limits, length unit."""
@@ -186,7 +183,7 @@ class FrameErrors:
         return root_mean_square(self.rms if kind == ErrorKind.RMS else self.weighted_rms)
 
 
-def errors_of(parts: list[NDArray[np.float64]], template: Template, scale: float) -> FrameErrors:
+def errors_of(parts: list[Floats], template: Template, scale: float) -> FrameErrors:
     """Take the errors from squares of distances.
 
     Parameters
@@ -228,15 +225,15 @@ class Fit:
     """
 
     basis: Basis
-    amplitudes: NDArray[np.float64]
+    amplitudes: Floats
     rotations: Rotations
-    translations: NDArray[np.float64]
+    translations: Floats
     errors: FrameErrors
     motion: FrameErrors
-    reference_amplitudes: NDArray[np.float64]
+    reference_amplitudes: Floats
 
 
-def project(basis: Basis, displacements: NDArray[np.float64]) -> NDArray[np.float64]:
+def project(basis: Basis, displacements: Floats) -> Floats:
     """Amplitudes of displacements: their weighted least-squares fit.
 
     Parameters
@@ -298,7 +295,7 @@ class Fitter:
         return replace(self, parameters=parameters, displacements=displacements)
 
     @cached_property
-    def frames(self) -> NDArray[np.float64] | None:
+    def frames(self) -> Floats | None:
         """Local directions of the components, (vertices, n, 3) float64; None for x, y, z.
 
         Raises
@@ -321,7 +318,7 @@ class Fitter:
             E = self.frames
             yield block if E is None else replace(block, u=to_local(block.u, E))
 
-    def along(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    def along(self, rows: Floats) -> Floats:
         """Products of displacements with rows, such as a projector's.
 
         Parameters
@@ -362,7 +359,7 @@ class Fitter:
             reference_amplitudes=own,
         )
 
-    def refitted(self, fit: Fit, amplitudes: NDArray[np.float64]) -> Fit:
+    def refitted(self, fit: Fit, amplitudes: Floats) -> Fit:
         """Give a fit other amplitudes, with the errors that they leave."""
         shape, phi, left = self.displacements.shape, fit.basis.shapes.T, []
         for block in self.blocks():
@@ -372,6 +369,6 @@ class Fitter:
         return replace(fit, amplitudes=amplitudes, errors=errors)
 
 
-def _squares(u: NDArray[np.float64]) -> NDArray[np.float64]:
+def _squares(u: Floats) -> Floats:
     """Squared lengths of vectors, (frames, n, vertices) to (frames, vertices)."""
     return np.asarray(np.einsum("fiv,fiv->fv", u, u))

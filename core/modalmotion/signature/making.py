@@ -9,7 +9,6 @@ from importlib.metadata import version
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
@@ -19,7 +18,7 @@ from modalmotion.mesh.geometry import cavity_of
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import PLANE, Topology
 from modalmotion.progress import ShareReport, Stopwatch, silent
-from modalmotion.representation import counted, numeral
+from modalmotion.representation import Floats, Ints, counted, numeral
 from modalmotion.signature.choice import choose_fit, note_on_compactness
 from modalmotion.signature.deviations import deviations_of
 from modalmotion.signature.fit import Fit, Fitter, make_basis
@@ -38,7 +37,7 @@ from modalmotion.template.template import frequencies_of
 _BLOCK: Final = 2**20
 
 
-def enclosed_volumes(sequence: MeshSequence, template: Template) -> NDArray[np.float64] | None:
+def enclosed_volumes(sequence: MeshSequence, template: Template) -> Floats | None:
     """Volume in each frame, each opening closed by a fan to the mean of its vertices.
 
     Parameters
@@ -362,11 +361,11 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
     return [text]
 
 
-def _sides(template: Template) -> NDArray[np.int64]:
+def _sides(template: Template) -> Ints:
     """Pairs of neighbours, those inside a surface twice."""
     if len(template.faces):
-        sides: NDArray[np.int64] = template.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        proper: NDArray[np.int64] = sides[sides[:, 0] != sides[:, 1]]
+        sides: Ints = template.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        proper: Ints = sides[sides[:, 0] != sides[:, 1]]
         return proper
     if template.surface is not None and template.surface.n_axes == 1:
         along = np.arange(len(template.vertices))
@@ -374,10 +373,8 @@ def _sides(template: Template) -> NDArray[np.int64]:
     return np.zeros((0, 2), dtype=np.int64)
 
 
-def _lengths(
-    vertices: NDArray[np.float64], sides: NDArray[np.int64], extent: float
-) -> NDArray[np.float64]:
+def _lengths(vertices: Floats, sides: Ints, extent: float) -> Floats:
     """Lengths of sides over the extent, whose squares are ordinary numbers in any unit."""
     along = (vertices[sides[:, 1]] - vertices[sides[:, 0]]) / extent
-    lengths: NDArray[np.float64] = np.linalg.norm(along, axis=1)
+    lengths: Floats = np.linalg.norm(along, axis=1)
     return lengths

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.spring_modes import whole_counts
 from modalmotion.modes import whole_count
 from modalmotion.numeric.scales import orthonormal, power_of_two
+from modalmotion.representation import Floats, Ints
 from modalmotion.signature.fit import Basis, Fit, Fitter, largest_sound
 from modalmotion.signature.parameters import MOST_MODES, ErrorKind
 from modalmotion.template import Template, choose_modes
@@ -42,7 +42,7 @@ class NestedModes:
     """
 
     basis: Basis
-    counts: NDArray[np.int64]
+    counts: Ints
     ends_because: str
     notes: tuple[str, ...] = ()
 
@@ -121,18 +121,18 @@ class Energies:
         b; None by weight, where it is zero.
     """
 
-    coefficients: NDArray[np.float64]
-    outside: NDArray[np.float64]
+    coefficients: Floats
+    outside: Floats
     scale: float
-    overlaps: NDArray[np.float64] | None = None
-    cross: NDArray[np.float64] | None = None
+    overlaps: Floats | None = None
+    cross: Floats | None = None
 
     @property
     def n_frames(self) -> int:
         """Number of frames."""
         return len(self.coefficients)
 
-    def rms(self, counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    def rms(self, counts: Ints) -> Floats:
         """RMS error of the first so many modes over all frames.
 
         Parameters
@@ -146,10 +146,10 @@ class Energies:
         """
         by_mode = self._added(self.coefficients, self.cross).sum(axis=0) / self.n_frames
         squares = float(self.outside.mean()) + _dropped(by_mode)[counts]
-        rms: NDArray[np.float64] = self.scale * np.sqrt(np.maximum(squares, 0.0))
+        rms: Floats = self.scale * np.sqrt(np.maximum(squares, 0.0))
         return rms
 
-    def joint_rms(self, counts: NDArray[np.int64], harmonics: Harmonics) -> NDArray[np.float64]:
+    def joint_rms(self, counts: Ints, harmonics: Harmonics) -> Floats:
         """RMS error of the first so many modes, their paths limited to harmonics.
 
         Returns
@@ -169,12 +169,10 @@ class Energies:
         late = np.concatenate([np.zeros((len(n), 1)), np.cumsum(lost, axis=1)], axis=1)
         by_mode = by_function.sum(axis=0) + left
         squares = float(self.outside.mean()) + _dropped(by_mode)[counts][:, None] + late.T[counts]
-        joint: NDArray[np.float64] = self.scale * np.sqrt(np.maximum(squares, 0.0))
+        joint: Floats = self.scale * np.sqrt(np.maximum(squares, 0.0))
         return joint
 
-    def _added(
-        self, c: NDArray[np.float64], cross: NDArray[np.float64] | None
-    ) -> NDArray[np.float64]:
+    def _added(self, c: Floats, cross: Floats | None) -> Floats:
         """Mean square that each mode adds when it is dropped after all later ones, by row.
 
         Parameters
@@ -186,14 +184,14 @@ class Energies:
         (rows, modes) float64
         """
         if self.overlaps is None or cross is None:
-            squares: NDArray[np.float64] = (c**2).sum(axis=2)
+            squares: Floats = (c**2).sum(axis=2)
             return squares
         # sum_{i,j >= k} G_ij c_i c_j grows by c_k (G_kk c_k + 2 sum_{j > k} G_kj c_j)
         G = np.diag(np.diag(self.overlaps)) + 2.0 * np.triu(self.overlaps, 1)
         rows, m, n_directions = c.shape
         flat = np.ascontiguousarray(c.transpose(1, 0, 2).reshape(m, -1))
         later = (G @ flat).reshape(m, rows, n_directions).transpose(1, 0, 2)
-        added: NDArray[np.float64] = (c * (later + 2.0 * cross)).sum(axis=2)
+        added: Floats = (c * (later + 2.0 * cross)).sum(axis=2)
         return added
 
 
@@ -219,25 +217,21 @@ def energies_of(fitter: Fitter, fit: Fit, kind: ErrorKind = ErrorKind.WEIGHTED_R
     return replace(weighted, overlaps=psi @ psi.T / n, cross=cross)
 
 
-def _split(
-    c: NDArray[np.float64], T: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _split(c: Floats, T: Floats) -> tuple[Floats, Floats]:
     """Parts along functions of time, (functions, modes, 3), and beyond, (frames, modes, 3)."""
     flat = np.ascontiguousarray(c.reshape(len(c), -1))
     along = T.T @ flat
     return along.reshape(-1, *c.shape[1:]), (flat - (T @ along)).reshape(c.shape)
 
 
-def _dropped(squares: NDArray[np.float64]) -> NDArray[np.float64]:
+def _dropped(squares: Floats) -> Floats:
     """Sum over the rows from each one on, the last first; one more row of zeros."""
     total = np.zeros((len(squares) + 1, *squares.shape[1:]))
     total[:-1] = np.cumsum(squares[::-1], axis=0)[::-1]
     return total
 
 
-def largest_errors(
-    fitter: Fitter, basis: Basis, energies: Energies, counts: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def largest_errors(fitter: Fitter, basis: Basis, energies: Energies, counts: Ints) -> Floats:
     """Largest error of any vertex in any frame for each of several nested sets.
 
     Unlike the RMS error it may grow with the set, so none can be left out. Each set's
@@ -291,14 +285,14 @@ class Harmonics:
         Orthonormal columns.
     """
 
-    functions: NDArray[np.float64]
+    functions: Floats
 
     @property
     def most(self) -> int:
         """Largest number of harmonics."""
         return max(int(self.functions.shape[1]) - 2, 0) // 2
 
-    def limited(self, amplitudes: NDArray[np.float64], harmonics: int) -> NDArray[np.float64]:
+    def limited(self, amplitudes: Floats, harmonics: int) -> Floats:
         """Limit paths over time to so many harmonics.
 
         Parameters
@@ -320,7 +314,7 @@ def n_functions(harmonics: int) -> int:
     return 2 * harmonics + 2
 
 
-def harmonics_of(n_frames: int, times: NDArray[np.float64] | None) -> Harmonics:
+def harmonics_of(n_frames: int, times: Floats | None) -> Harmonics:
     """Make the functions of time of a sequence, as many as its frames tell apart.
 
     Parameters

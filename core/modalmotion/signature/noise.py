@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.signature.fit import Fitter
 from modalmotion.signature.nested_modes import NestedModes, nested_modes
 from modalmotion.signature.noise_bands import (
@@ -161,7 +160,7 @@ class Found:
 
     noise: Noise
     nested: NestedModes
-    coefficients: NDArray[np.float64]
+    coefficients: Floats
     smooth: SmoothNoise
 
 
@@ -173,9 +172,7 @@ def estimated(fitter: Fitter) -> Found:
     return Found(_noise(plain, nested, coefficients, smooth), nested, coefficients, smooth)
 
 
-def _noise(
-    fitter: Fitter, nested: NestedModes, coefficients: NDArray[np.float64], smooth: SmoothNoise
-) -> Noise:
+def _noise(fitter: Fitter, nested: NestedModes, coefficients: Floats, smooth: SmoothNoise) -> Noise:
     """Estimate the noise's level, and its correlations in space and time.
 
     Taken for normal, of one level and one smoothness everywhere, and an autoregression of order 1
@@ -245,7 +242,7 @@ def _variances(bands: Bands) -> tuple[float, list[float], float, int]:
     return variance, others, best, k
 
 
-def _peak(found: NDArray[np.float64]) -> float:
+def _peak(found: Floats) -> float:
     """Place of the largest likelihood, by a parabola through its neighbours."""
     k = int(np.argmax(found))
     if not 0 < k < len(found) - 1:
@@ -268,17 +265,13 @@ def modes_until_noise(fitter: Fitter, found: Found) -> tuple[NestedModes, int]:
         nested, coefficients = _nested(fitter, n)
 
 
-def _nested(fitter: Fitter, n: int) -> tuple[NestedModes, NDArray[np.float64]]:
+def _nested(fitter: Fitter, n: int) -> tuple[NestedModes, Floats]:
     nested = nested_modes(fitter.template, n, fitter.sequence.grid)
     return nested, fitter.along(nested.basis.analysis)
 
 
 def least_risk(
-    nested: NestedModes,
-    coefficients: NDArray[np.float64],
-    noise: Noise,
-    shares: NDArray[np.float64],
-    reference: Reference,
+    nested: NestedModes, coefficients: Floats, noise: Noise, shares: Floats, reference: Reference
 ) -> int:
     """Smallest whole set whose expected distance from the motion without noise is next to least.
 

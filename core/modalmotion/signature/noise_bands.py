@@ -14,11 +14,11 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.mesh.triangles import connectivity_of
 from modalmotion.modes.topology import CLOSED
 from modalmotion.numeric.scales import power_of_two
+from modalmotion.representation import Floats, Ints
 from modalmotion.signature.fit import Basis, Fitter
 from modalmotion.signature.nested_modes import NestedModes
 from modalmotion.template import Template
@@ -44,8 +44,8 @@ class SmoothNoise:
         Each is the mean of itself and its neighbours in the one before, once or several times.
     """
 
-    edges: NDArray[np.int64]
-    fields: NDArray[np.float64]
+    edges: Ints
+    fields: Floats
 
     @staticmethod
     def on(template: Template) -> SmoothNoise:
@@ -66,7 +66,7 @@ class SmoothNoise:
             np.divide(field, np.sqrt(squares / n_counted), out=fields[k])
         return SmoothNoise(edges, fields)
 
-    def coefficients(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    def coefficients(self, rows: Floats) -> Floats:
         """Coefficients rows @ field of shapes, (mixings, modes, fields) float64."""
         return np.stack([rows @ field for field in self.fields])
 
@@ -79,9 +79,7 @@ class SmoothNoise:
         return float((x * y).sum() / np.sqrt((x**2).sum() * (y**2).sum()))
 
 
-def products_of(
-    fields: NDArray[np.float64], weights: NDArray[np.float64] | float = 1.0
-) -> NDArray[np.float64]:
+def products_of(fields: Floats, weights: Floats | float = 1.0) -> Floats:
     """Products of fields with one another over their columns, (mixings, fields, fields) float64.
 
     Parameters
@@ -94,7 +92,7 @@ def products_of(
     return np.asarray(rows @ (rows * weights).transpose(0, 2, 1))
 
 
-def independent(products: NDArray[np.float64]) -> NDArray[np.float64]:
+def independent(products: Floats) -> Floats:
     """Independent columns that average like those of fields: tr(C)^2 / tr(C^2), C their covariance.
 
     Parameters
@@ -105,14 +103,14 @@ def independent(products: NDArray[np.float64]) -> NDArray[np.float64]:
     n, own = products.shape[-1], np.diagonal(products, axis1=-2, axis2=-1)
     # E (x'y)^2 = tr(C^2) for independent fields x and y.
     squares = ((products**2).sum(axis=(-2, -1)) - (own**2).sum(axis=-1)) / (n * (n - 1))
-    found: NDArray[np.float64] = own.mean(axis=-1) ** 2 / np.maximum(squares, 1e-300)
+    found: Floats = own.mean(axis=-1) ** 2 / np.maximum(squares, 1e-300)
     return found
 
 
-def shares_of(basis: Basis, noise: SmoothNoise, mixed: int) -> NDArray[np.float64]:
+def shares_of(basis: Basis, noise: SmoothNoise, mixed: int) -> Floats:
     """Give the expected squared coefficient of each mode in noise of variance 1, (modes,)."""
     # c = Q'W^(1/2) e, so E c_j^2 is the squared length of row j.
-    white: NDArray[np.float64] = (basis.analysis**2).sum(axis=1)
+    white: Floats = (basis.analysis**2).sum(axis=1)
     if mixed == 0:
         return white
     # Smooth fields stem from the white ones, so that chance cancels in their ratio.
@@ -122,7 +120,7 @@ def shares_of(basis: Basis, noise: SmoothNoise, mixed: int) -> NDArray[np.float6
     return np.asarray(white * smooth / own)
 
 
-def _edges_of(template: Template) -> NDArray[np.int64]:
+def _edges_of(template: Template) -> Ints:
     if len(template.faces):
         return connectivity_of(template.faces, template.n_vertices).edges
     i = np.arange(template.n_vertices)
@@ -131,10 +129,10 @@ def _edges_of(template: Template) -> NDArray[np.int64]:
     return around if is_closed and len(i) > 2 else around[:-1]
 
 
-def over_time(correlation: float, n_frames: int) -> NDArray[np.float64]:
+def over_time(correlation: float, n_frames: int) -> Floats:
     """Correlations of the noise of any two frames, (frames, frames) float64."""
     lags = np.abs(np.subtract.outer(np.arange(n_frames), np.arange(n_frames)))
-    result: NDArray[np.float64] = np.float64(correlation) ** lags
+    result: Floats = np.float64(correlation) ** lags
     return result
 
 
@@ -175,14 +173,14 @@ class Bands:
     modes : int
     """
 
-    grams: NDArray[np.float64]
-    expected: NDArray[np.float64]
-    columns: NDArray[np.float64]
+    grams: Floats
+    expected: Floats
+    columns: Floats
     scale: float
     modes: int
 
     @cached_property
-    def _by_direction(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _by_direction(self) -> tuple[Floats, Floats]:
         """Directions of time, (3, frames, directions), and the bands' products along them.
 
         Those of most motion last. Each vertex's mean is left out: it takes the reference's own
@@ -194,9 +192,7 @@ class Bands:
         turned = directions.transpose(0, 2, 1) @ self.grams.transpose(1, 0, 2, 3) @ directions
         return directions, turned
 
-    def whitened(
-        self, correlations: tuple[float, ...]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def whitened(self, correlations: tuple[float, ...]) -> tuple[Floats, Floats]:
         """Energies (correlations, bands, directions) and log det of each correlation."""
         directions, turned = self._by_direction
         covariances = np.stack([over_time(c, self.grams.shape[2]) for c in correlations])
@@ -209,7 +205,7 @@ class Bands:
 
 
 def bands_of(
-    fitter: Fitter, nested: NestedModes, coefficients: NDArray[np.float64], noise: SmoothNoise
+    fitter: Fitter, nested: NestedModes, coefficients: Floats, noise: SmoothNoise
 ) -> Bands:
     """Split a motion and fields of noise alike.
 
@@ -269,12 +265,7 @@ def bands_of(
     return Bands(np.stack(grams, axis=1), variances, columns, scale, m)
 
 
-def likelihoods(
-    energies: NDArray[np.float64],
-    log_dets: NDArray[np.float64],
-    columns: NDArray[np.float64],
-    cost: float,
-) -> NDArray[np.float64]:
+def likelihoods(energies: Floats, log_dets: Floats, columns: Floats, cost: float) -> Floats:
     """Log-likelihood of each correlation where each band has a level of its own.
 
     In each band the directions of most motion have energies of their own, as many as pay their
@@ -294,16 +285,13 @@ def likelihoods(
     with np.errstate(divide="ignore", invalid="ignore"):
         levels = np.where(noises > 0, noises * np.log(rest / noises), 0.0)
     found = -0.5 * n[:, None] * (levels + own + log_dets[:, None, None]) - cost * moving
-    best: NDArray[np.float64] = found.max(axis=2).sum(axis=1)
+    best: Floats = found.max(axis=2).sum(axis=1)
     return best
 
 
 def levels_of(
-    energies: NDArray[np.float64],
-    expected: NDArray[np.float64],
-    columns: NDArray[np.float64],
-    cost: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    energies: Floats, expected: Floats, columns: Floats, cost: float
+) -> tuple[Floats, Floats]:
     """Variance of the noise in all bands together, and its log-likelihood, for each mixing.
 
     Parameters
@@ -332,9 +320,7 @@ def levels_of(
     )
 
 
-def _split(
-    z: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _split(z: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Energy of noise, log-energies of motion, and directions of each, for 0, 1, ... of motion."""
     p = z.shape[-1]
     moving = np.arange(int(_MOVING * p) + 1)

@@ -7,12 +7,11 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import numeral, shown
+from modalmotion.representation import Floats, Ints, numeral, shown
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
@@ -27,10 +26,10 @@ from modalmotion.template.template import shapes_of
 def reconstruct(
     signature: ModalSignature,
     sequence: MeshSequence,
-    frames: NDArray[np.int64] | list[int] | None = None,
+    frames: Ints | list[int] | None = None,
     *,
     template: Template | None = None,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Positions that the signature's modes and rotations represent.
 
     Normal displacements move the reference along its normals: the vertices are then points of the
@@ -130,20 +129,18 @@ class Resampled:
     """
 
     sequence: MeshSequence
-    phases: NDArray[np.float64]
-    deviations: NDArray[np.float64]
+    phases: Floats
+    deviations: Floats
     interpolation: Interpolation
 
     @property
-    def rms_deviations(self) -> NDArray[np.float64]:
+    def rms_deviations(self) -> Floats:
         """RMS over the vertices, (n,) float64, length unit."""
-        rms: NDArray[np.float64] = np.sqrt((self.deviations**2).mean(axis=1))
+        rms: Floats = np.sqrt((self.deviations**2).mean(axis=1))
         return rms
 
 
-def resample(
-    sequence: MeshSequence, phases: NDArray[np.float64] | list[float] | float | int
-) -> Resampled:
+def resample(sequence: MeshSequence, phases: Floats | list[float] | float | int) -> Resampled:
     """Give the surface at any phase of its cycle.
 
     Parameters
@@ -218,7 +215,7 @@ def note_on(resampled: Resampled) -> str:
     )
 
 
-def _phases(phases: NDArray[np.float64] | list[float] | float | int) -> NDArray[np.float64]:
+def _phases(phases: Floats | list[float] | float | int) -> Floats:
     if isinstance(phases, int) and phases > 1:
         return np.arange(phases, dtype=np.float64) / phases
     at = np.atleast_1d(np.asarray(phases, dtype=np.float64))
@@ -234,25 +231,18 @@ def _phases(phases: NDArray[np.float64] | list[float] | float | int) -> NDArray[
     return at
 
 
-def _between(
-    own: NDArray[np.float64],
-    x: NDArray[np.float64],
-    interpolation: Interpolation,
-    at: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _between(own: Floats, x: Floats, interpolation: Interpolation, at: Floats) -> Floats:
     """Positions at phases, through those of the frames, round the cycle."""
     around, closed = np.append(own, own[0] + 1.0), np.concatenate([x, x[:1]])
     if interpolation == "cubic":
         spline = scipy.interpolate.CubicSpline(around, closed, bc_type="periodic")
     else:
         spline = scipy.interpolate.make_interp_spline(around, closed, k=1)
-    positions: NDArray[np.float64] = spline(own[0] + np.mod(at - own[0], 1.0))
+    positions: Floats = spline(own[0] + np.mod(at - own[0], 1.0))
     return positions
 
 
-def _left_out(
-    own: NDArray[np.float64], x: NDArray[np.float64], interpolation: Interpolation, reach: int
-) -> NDArray[np.float64]:
+def _left_out(own: Floats, x: Floats, interpolation: Interpolation, reach: int) -> Floats:
     """Errors of frames foreseen from those at least `reach` away, (frames, coordinates)."""
     n = len(own)
     errors = np.empty_like(x)
@@ -263,9 +253,7 @@ def _left_out(
     return errors
 
 
-def _deviations(
-    own: NDArray[np.float64], left: NDArray[np.float64], at: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _deviations(own: Floats, left: Floats, at: Floats) -> Floats:
     """Errors of left-out frames as they are between frames, (phases, vertices)."""
     squares = np.square(left).reshape(len(own), -1, 3).mean(axis=2)
     total = float(squares.mean())
@@ -283,7 +271,7 @@ def _deviations(
     return np.sqrt(np.outer(mean * inner, by_vertex))
 
 
-def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSignature:
+def at_times(signature: ModalSignature, times: Floats) -> ModalSignature:
     """Trajectory of a signature at other times.
 
     Amplitudes follow cubic splines, rotations the shortest turn between frames. Errors and
@@ -346,7 +334,7 @@ def at_times(signature: ModalSignature, times: NDArray[np.float64]) -> ModalSign
     )
 
 
-def _times_of(signature: ModalSignature) -> NDArray[np.float64]:
+def _times_of(signature: ModalSignature) -> Floats:
     if signature.times is not None:
         return signature.times
     return np.arange(signature.n_frames, dtype=np.float64)

@@ -14,7 +14,6 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import oriented_faces
@@ -29,7 +28,7 @@ from modalmotion.mesh.geometry import NormalLines, vertex_normals
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.triangles import face_normals
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 from modalmotion.template import Template
 from modalmotion.template.body_frame import Components, from_local, local_frames
 from modalmotion.template.template import nearest_in_use
@@ -66,12 +65,10 @@ class NormalDisplacements:
     """
 
     blocks: tuple[DisplacementBlock, ...]
-    directions: NDArray[np.float64]
+    directions: Floats
 
 
-def normal_reference(
-    template: Template, start: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def normal_reference(template: Template, start: Floats) -> tuple[Floats, Floats]:
     """Directions of normal displacements, and the place about which their rotations turn.
 
     Parameters
@@ -143,14 +140,14 @@ class _Reference:
     lines : NormalLines
     """
 
-    faces: NDArray[np.int64]
-    positions: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    centroid: NDArray[np.float64]
+    faces: Ints
+    positions: Floats
+    normals: Floats
+    centroid: Floats
     lines: NormalLines
 
     @staticmethod
-    def of(template: Template, x: NDArray[np.float64]) -> _Reference:
+    def of(template: Template, x: Floats) -> _Reference:
         """Take the positions (vertices, 3) of a template's reference."""
         faces = _sides_of(template)
         centroid = _centroids(x[None], faces)[0]
@@ -165,7 +162,7 @@ class _Reference:
         return _Reference(faces, x, normals, centroid, lines)
 
 
-def _sides_of(template: Template) -> NDArray[np.int64]:
+def _sides_of(template: Template) -> Ints:
     """Triangles of a template, all wound the same way round."""
     faces = template.faces
     a, b, c = faces.T
@@ -185,7 +182,7 @@ def _sides_of(template: Template) -> NDArray[np.int64]:
     return oriented
 
 
-def _centroids(x: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+def _centroids(x: Floats, faces: Ints) -> Floats:
     """Area centroids of shapes, (frames, 3), of positions (frames, vertices, 3)."""
     centroids = np.empty((len(x), 3))
     for k, positions in enumerate(x):
@@ -196,9 +193,7 @@ def _centroids(x: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.f
     return centroids
 
 
-def _measured(
-    block: PositionBlock, reference: _Reference
-) -> tuple[NDArray[np.float64], Rotations, NDArray[np.float64]]:
+def _measured(block: PositionBlock, reference: _Reference) -> tuple[Floats, Rotations, Floats]:
     """Heights above all lines, rotations and drifts of a block, in units of the scale."""
     shape, lines, middle = block.shape, reference.lines, reference.centroid
     rotations, _ = block.alignment()
@@ -216,12 +211,7 @@ def _measured(
     return lines.heights(aligned), Rotations(matrices, rotations.is_determined), drifts
 
 
-def _turned(
-    x: NDArray[np.float64],
-    matrices: NDArray[np.float64],
-    reference: _Reference,
-    weights: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _turned(x: Floats, matrices: Floats, reference: _Reference, weights: Floats) -> Floats:
     """Turn rotations of vertices into those of the surface: normal displacements are then least.
 
     A small turn w moves the surface by n . (w x r) along its normals; least squares, from the
@@ -246,7 +236,7 @@ def _turned(
     return matrices
 
 
-def _to_all_vertices(template: Template) -> NDArray[np.int64]:
+def _to_all_vertices(template: Template) -> Ints:
     """Vertex whose displacement each takes: where it coincides with another or has no triangle."""
     spread = template.representatives.copy()
     if len(template.isolated):
@@ -272,17 +262,17 @@ class Superposition:
         do not.
     """
 
-    start: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    shapes: NDArray[np.float64]
-    frames: NDArray[np.float64] | None
+    start: Floats
+    centre: Floats
+    shapes: Floats
+    frames: Floats | None
     holds_drift: bool = True
 
     @staticmethod
     def on(
         sequence: MeshSequence,
         template: Template,
-        shapes: NDArray[np.float64],
+        shapes: Floats,
         *,
         reference: Reference,
         components: Components,
@@ -294,23 +284,14 @@ class Superposition:
 
     @staticmethod
     def of_normal_displacements(
-        sequence: MeshSequence,
-        template: Template,
-        shapes: NDArray[np.float64],
-        *,
-        reference: Reference,
+        sequence: MeshSequence, template: Template, shapes: Floats, *, reference: Reference
     ) -> Superposition:
         """Superpose shapes along the normals of a reference."""
         start = reference_positions(sequence, reference)
         directions, centre = normal_reference(template, start)
         return Superposition(start, centre, shapes, directions, holds_drift=False)
 
-    def positions(
-        self,
-        amplitudes: NDArray[np.float64],
-        matrices: NDArray[np.float64],
-        translations: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def positions(self, amplitudes: Floats, matrices: Floats, translations: Floats) -> Floats:
         """Positions that amplitudes, rotations and the path of the centroid represent.
 
         Parameters
@@ -332,6 +313,6 @@ class Superposition:
         if not self.holds_drift:
             u = u + drift
         turned = (self.start - self.centre + u - drift) @ (matrices - np.eye(3)).transpose(0, 2, 1)
-        x: NDArray[np.float64] = self.start + u
+        x: Floats = self.start + u
         x += turned
         return x

@@ -7,14 +7,13 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, whole
 from modalmotion.errors import InputError, ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
 from modalmotion.progress import Stopwatch
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature.choice import NUMBERS, SceneError, SceneKind, limit_of, simple_motions
 from modalmotion.signature.fit import Fitter, make_basis
 from modalmotion.signature.making import (
@@ -64,9 +63,9 @@ class Branch:
 
     topology: str
     components: Components
-    counts: NDArray[np.int64]
-    rms: NDArray[np.float64]
-    joint_rms: NDArray[np.float64]
+    counts: Ints
+    rms: Floats
+    joint_rms: Floats
     condition: float
     ends_because: str
 

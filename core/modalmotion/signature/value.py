@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.mesh import NO_FACTS, Facts
@@ -14,7 +13,7 @@ from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.spring_modes import Modes, whole_counts
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.numeric.scales import root_mean_square
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.parameters import SignatureKind, SignatureParameters
 from modalmotion.template import Landmarks
@@ -83,19 +82,19 @@ class ModalSignature(Saved, Plotted):
     """
 
     modes: Modes
-    amplitudes: NDArray[np.float64]
-    angular_frequencies: NDArray[np.float64]
+    amplitudes: Floats
+    angular_frequencies: Floats
     rotations: Rotations
-    reference_amplitudes: NDArray[np.float64]
-    volumes: NDArray[np.float64] | None
-    translations: NDArray[np.float64]
-    rms_errors: NDArray[np.float64]
-    weighted_rms_errors: NDArray[np.float64]
-    p95_errors: NDArray[np.float64]
-    max_errors: NDArray[np.float64]
-    motion_rms: NDArray[np.float64]
-    weighted_motion_rms: NDArray[np.float64]
-    times: NDArray[np.float64] | None
+    reference_amplitudes: Floats
+    volumes: Floats | None
+    translations: Floats
+    rms_errors: Floats
+    weighted_rms_errors: Floats
+    p95_errors: Floats
+    max_errors: Floats
+    motion_rms: Floats
+    weighted_motion_rms: Floats
+    times: Floats | None
     unit: str | None
     n_vertices: int
     lengths: tuple[float, ...]
@@ -107,7 +106,7 @@ class ModalSignature(Saved, Plotted):
     notes: tuple[str, ...]
     provenance: dict[str, str]
     choice: ModelChoice | None = None
-    amplitude_deviations: NDArray[np.float64] | None = None
+    amplitude_deviations: Floats | None = None
     facts: Facts = NO_FACTS
 
     def _repr_html_(self) -> str:
@@ -131,7 +130,7 @@ class ModalSignature(Saved, Plotted):
         return MESH if self.topology is None else self.topology.name
 
     @property
-    def body_amplitudes(self) -> NDArray[np.float64]:
+    def body_amplitudes(self) -> Floats:
         """Amplitudes in the frame of the body, in which patients compare.
 
         Returns
@@ -144,7 +143,7 @@ class ModalSignature(Saved, Plotted):
         is_cartesian = self.parameters.components == Components.CARTESIAN
         if self.landmarks is None or not is_cartesian or self.kind != SignatureKind.MATERIAL:
             return self.amplitudes
-        turned: NDArray[np.float64] = self.amplitudes @ body_frame(self.landmarks).T
+        turned: Floats = self.amplitudes @ body_frame(self.landmarks).T
         return turned
 
     @property
@@ -196,20 +195,20 @@ class ModalSignature(Saved, Plotted):
         return float(np.linalg.norm(a[-1] - a[0])) / usual if usual > 0 else 0.0
 
     @property
-    def deformation_spectrum(self) -> NDArray[np.float64]:
+    def deformation_spectrum(self) -> Floats:
         """RMS amplitude of each mode over frames, directions added, (modes,) float64, `unit`."""
         scale = np.abs(self.amplitudes).max(initial=0.0)
         if scale == 0.0:
             return np.zeros(len(self.modes))
         squares = ((self.amplitudes / scale) ** 2).sum(axis=2).mean(axis=0)
-        spectrum: NDArray[np.float64] = scale * np.sqrt(squares)
+        spectrum: Floats = scale * np.sqrt(squares)
         return spectrum
 
     @property
-    def strain_energy(self) -> NDArray[np.float64]:
+    def strain_energy(self) -> Floats:
         """Strain energy ``w^2 |a|^2 / 2`` of each mode, (frames, modes), per mass, s^-2."""
         velocities = self.angular_frequencies[:, None] * self.amplitudes
-        energy: NDArray[np.float64] = 0.5 * (velocities**2).sum(axis=2)
+        energy: Floats = 0.5 * (velocities**2).sum(axis=2)
         return energy
 
     @property

@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+
+from modalmotion.representation import Floats, Ints
 
 # Triangles, by their centroids, among which the closest is looked for. The closest point is on
 # another one only where triangles are much longer than wide; then the foot is a little farther.
@@ -30,16 +31,14 @@ class Matches:
     distances : (n,) float64, length unit
     """
 
-    corners: NDArray[np.int64]
-    shares: NDArray[np.float64]
-    feet: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    distances: NDArray[np.float64]
+    corners: Ints
+    shares: Floats
+    feet: Floats
+    normals: Floats
+    distances: Floats
 
 
-def closest_points(
-    points: NDArray[np.float64], positions: NDArray[np.float64], cells: NDArray[np.int64]
-) -> Matches:
+def closest_points(points: Floats, positions: Floats, cells: Ints) -> Matches:
     """Find the foot of each point.
 
     Parameters
@@ -72,16 +71,12 @@ def closest_points(
     return Matches(corners, shares, feet, normals, np.sqrt(away[rows, best]))
 
 
-def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    total: NDArray[np.float64] = (
-        a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-    )
+def _dot(a: Floats, b: Floats) -> Floats:
+    total: Floats = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
     return total
 
 
-def _on_segment(
-    p: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _on_segment(p: Floats, a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Share of b in the closest point of a segment, and its squared distance."""
     d, r = b - a, p - a
     length = _dot(d, d)
@@ -90,12 +85,7 @@ def _on_segment(
     return t, _dot(away, away)
 
 
-def _on_triangle(
-    p: NDArray[np.float64],
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
-    c: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _on_triangle(p: Floats, a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
     """Shares of the corners in the closest point of a triangle, and its squared distance."""
     u, v, r = b - a, c - a, p - a
     uu, uv, vv, ru, rv = _dot(u, u), _dot(u, v), _dot(v, v), _dot(r, u), _dot(r, v)
@@ -124,14 +114,14 @@ def _on_triangle(
     return shares, squared
 
 
-def unit_vectors(v: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit_vectors(v: Floats) -> Floats:
     """Vectors (..., 3) of length 1; zero where they have none."""
     size = np.linalg.norm(v, axis=-1, keepdims=True)
-    unit: NDArray[np.float64] = v / np.where(size > 0, size, 1.0)
+    unit: Floats = v / np.where(size > 0, size, 1.0)
     return unit
 
 
-def across(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
+def across(tangents: Floats) -> Floats:
     """Two unit vectors across each tangent, (..., 3): (..., 2, 3)."""
     t = unit_vectors(tangents)
     one = unit_vectors(np.cross(t, np.eye(3)[np.abs(t).argmin(axis=-1)]))

@@ -11,17 +11,16 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CUP
+from modalmotion.representation import Floats, Ints
 from modalmotion.template import Template
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.ends_of_data import lies_evenly
 from modalmotion.tracking.moving_base import ends_of_cup
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+Ints = Ints
 
 # Points of a contour at least; triples of points that a plane is looked for by, and points that are
 # counted for each.
@@ -287,10 +286,7 @@ def _levels(
 
 
 def _tips(
-    frames: Sequence[Frame],
-    drawn: dict[int, dict[int, _Contour]],
-    planes: _Planes,
-    stack: Ints,
+    frames: Sequence[Frame], drawn: dict[int, dict[int, _Contour]], planes: _Planes, stack: Ints
 ) -> dict[int, Observation]:
     """Take the level of the apex between the first slice with a contour and the one before.
 

@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh import Cavity
@@ -15,6 +14,7 @@ from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.triangles import face_normals
 from modalmotion.modes import ModeSet, lowest_modes, whole_count
 from modalmotion.modes.topology import CLOSED, OPEN_CURVE, End
+from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.template import Template
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import shapes_of
@@ -42,8 +42,8 @@ class Deformable:
 
     template: Template
     modes: ModeSet
-    shapes: NDArray[np.float64]
-    wavenumbers: NDArray[np.float64]
+    shapes: Floats
+    wavenumbers: Floats
 
     @staticmethod
     def of(template: Template, n_modes: int) -> Deformable:
@@ -63,12 +63,12 @@ class Deformable:
     def __len__(self) -> int:
         return len(self.modes)
 
-    def positions(self, amplitudes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def positions(self, amplitudes: Floats) -> Floats:
         """Positions, (vertices, 3), for amplitudes (modes, 3)."""
         return self.template.vertices + (self.shapes @ amplitudes)
 
     @cached_property
-    def _even(self) -> NDArray[np.float64]:
+    def _even(self) -> Floats:
         """Amplitudes, (3 modes,), of the motion away from the middle, as far as modes show it.
 
         Of an open surface that from its axis: along it the rim would move, which few data hold.
@@ -81,10 +81,10 @@ class Deformable:
             axis = away.T @ (w[:, 0] * self.template.coordinates[:, 0])
             axis /= np.linalg.norm(axis)
             away -= np.outer(away @ axis, axis)
-        found: NDArray[np.float64] = np.linalg.lstsq(w**0.5 * self.shapes, w**0.5 * away)[0]
+        found: Floats = np.linalg.lstsq(w**0.5 * self.shapes, w**0.5 * away)[0]
         return found.ravel()
 
-    def stiffness(self, variances: NDArray[np.float64]) -> NDArray[np.float64]:
+    def stiffness(self, variances: Floats) -> Floats:
         """Inverse of the prior's covariance of amplitudes, (3 modes, 3 modes).
 
         Modes are independent, with variances (modes,), but that an even contraction costs a tenth:
@@ -113,18 +113,18 @@ class Deformable:
         return float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2.0
 
     @cached_property
-    def cells(self) -> NDArray[np.int64]:
+    def cells(self) -> Ints:
         """Triangles, (cells, 3), or segments of a curve, (cells, 2)."""
         if self.template.topology.n_axes > 1:
             a, b, c = self.template.faces.T
-            proper: NDArray[np.int64] = self.template.faces[(a != b) & (b != c) & (c != a)]
+            proper: Ints = self.template.faces[(a != b) & (b != c) & (c != a)]
             return proper
         n = self.template.n_vertices
         start = np.arange(n if self.template.topology.ends[0] == CLOSED else n - 1)
         return np.stack([start, (start + 1) % n], axis=1)
 
     @cached_property
-    def rim(self) -> NDArray[np.bool_]:
+    def rim(self) -> Bools:
         """Vertices where the surface ends, (vertices,)."""
         rim = np.zeros(self.template.n_vertices, dtype=np.bool_)
         if self.template.topology == OPEN_CURVE:
@@ -133,7 +133,7 @@ class Deformable:
         return rim
 
     @cached_property
-    def rim_sides(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def rim_sides(self) -> tuple[Ints, Ints]:
         """Sides of triangles without a neighbour, and their third corners; none of a curve."""
         none = np.zeros((0, 3), dtype=np.int64)
         return open_sides(self.cells if self.cells.shape[1] == 3 else none)
@@ -147,7 +147,7 @@ _MOST_FOLDED = 0.01
 _LEAST_VOLUME = 0.01
 
 
-def require_volume(cavity: Cavity | None, vertices: NDArray[np.float64]) -> None:
+def require_volume(cavity: Cavity | None, vertices: Floats) -> None:
     """Check that a surface that encloses a volume does so in every frame.
 
     Parameters
@@ -176,7 +176,7 @@ def require_volume(cavity: Cavity | None, vertices: NDArray[np.float64]) -> None
         )
 
 
-def require_unfolded(surface: Deformable, vertices: NDArray[np.float64]) -> None:
+def require_unfolded(surface: Deformable, vertices: Floats) -> None:
     """Check that no frame has folds that the start has not.
 
     Parameters
@@ -207,9 +207,7 @@ def require_unfolded(surface: Deformable, vertices: NDArray[np.float64]) -> None
             )
 
 
-def _turned(
-    surface: Deformable, x: NDArray[np.float64]
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+def _turned(surface: Deformable, x: Floats) -> tuple[Bools, Floats]:
     """Triangles turned against their neighbours, and the areas of all."""
     own = face_normals(x, surface.cells)
     around = vertex_normals(x, surface.cells)[surface.cells].sum(axis=1)
@@ -240,13 +238,13 @@ class Rim:
     n_sectors : int
     """
 
-    sides: NDArray[np.int64]
-    opposite: NDArray[np.int64]
-    sectors: NDArray[np.int64]
-    distances: NDArray[np.float64]
+    sides: Ints
+    opposite: Ints
+    sectors: Ints
+    distances: Floats
     n_sectors: int
 
-    def at(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def at(self, x: Floats) -> tuple[Floats, Floats]:
         """Take the rim of a surface with the vertices x, (vertices, 3).
 
         Returns
@@ -267,9 +265,7 @@ class Rim:
         totals = np.bincount(self.sectors[self.sides].ravel(), halves, minlength=self.n_sectors)
         return outward, totals.astype(np.float64)
 
-    def rows(
-        self, surface: Deformable, x: NDArray[np.float64], n_values: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rows(self, surface: Deformable, x: Floats, n_values: float) -> tuple[Floats, Floats]:
         """How amplitudes move each sector, and how much alike what they leave is along it.
 
         Returns
@@ -317,7 +313,7 @@ def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
     return Rim(sides, opposite, sectors, closest_points(x, x, sides).distances, n)
 
 
-def rim_at(surface: Deformable, end: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def rim_at(surface: Deformable, end: str) -> tuple[Ints, Ints]:
     """Sides of triangles along the opening at an end of the axis; none without one.
 
     Returns
@@ -337,12 +333,7 @@ def rim_at(surface: Deformable, end: str) -> tuple[NDArray[np.int64], NDArray[np
     return sides[at_end], opposite[at_end]
 
 
-def alike_over(
-    surface: Deformable,
-    vertices: NDArray[np.int64],
-    shares: NDArray[np.float64],
-    n_values: float,
-) -> float:
+def alike_over(surface: Deformable, vertices: Ints, shares: Floats, n_values: float) -> float:
     """Variance of a mean over places, over that of one place, of what the modes leave.
 
     Parameters
@@ -373,7 +364,7 @@ def alike_over(
     return float((shares[:, None] * shares * alike).sum())
 
 
-def place_on(surface: Deformable, place: Place) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def place_on(surface: Deformable, place: Place) -> tuple[Ints, Floats]:
     """Vertices of a landmark's place, and their shares in it.
 
     Raises
@@ -396,7 +387,7 @@ def place_on(surface: Deformable, place: Place) -> tuple[NDArray[np.int64], NDAr
     return vertices, shares
 
 
-def _named(surface: Deformable, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _named(surface: Deformable, name: str) -> tuple[Ints, Floats]:
     """Mean of the vertices at an end of the axis: of a rim by length, of a pole alike."""
     template = surface.template
     none = np.zeros(0, dtype=np.int64)

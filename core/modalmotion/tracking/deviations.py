@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas, vertex_areas
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.geometry import lid_gradient, volume_gradient
+from modalmotion.representation import Floats
 from modalmotion.template import Template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import FirstShape
@@ -19,12 +19,8 @@ from modalmotion.tracking.result import cavity_in, normals_of
 
 
 def deviations_at(
-    shapes: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    across: NDArray[np.float64],
-    along: NDArray[np.float64],
-    truncation: float,
-) -> NDArray[np.float64]:
+    shapes: Floats, normals: Floats, across: Floats, along: Floats, truncation: float
+) -> Floats:
     """State how far each vertex may be off along its normal, and in each tangent direction.
 
     Parameters
@@ -46,16 +42,16 @@ def deviations_at(
     full = _at(shapes, along)
     rest = np.trace(full, axis1=1, axis2=2) - np.einsum("vi,vij,vj->v", normals, full, normals)
     variances = np.stack([n, rest / 2.0], axis=1) + truncation**2
-    deviations: NDArray[np.float64] = np.sqrt(np.maximum(variances, 0.0))
+    deviations: Floats = np.sqrt(np.maximum(variances, 0.0))
     return deviations
 
 
 def uncertainty_of(
     template: Template,
-    shapes: NDArray[np.float64],
-    across: NDArray[np.float64],
-    along: NDArray[np.float64],
-    truncations: NDArray[np.float64],
+    shapes: Floats,
+    across: Floats,
+    along: Floats,
+    truncations: Floats,
     n_values: float,
     pinned: int | None,
 ) -> Uncertainty:
@@ -89,10 +85,10 @@ def uncertainty_of(
 
 
 def volume_deviation(
-    gradient: NDArray[np.float64],
-    of_lids: NDArray[np.float64],
-    across: NDArray[np.float64],
-    along: NDArray[np.float64],
+    gradient: Floats,
+    of_lids: Floats,
+    across: Floats,
+    along: Floats,
     area: float,
     truncation: float,
     n_values: float,
@@ -122,7 +118,7 @@ def volume_deviation(
     return float(np.sqrt(max(variance, 0.0)))
 
 
-def _at(shapes: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def _at(shapes: Floats, covariance: Floats) -> Floats:
     """Covariance of each vertex, (vertices, 3, 3)."""
     m = shapes.shape[1]
     C = covariance.reshape(m, 3, m, 3)
@@ -136,12 +132,12 @@ def _at(shapes: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray
 
 def stated_deviations(
     surface: Deformable,
-    vertices: NDArray[np.float64],
+    vertices: Floats,
     found: FramesEstimate,
     noises: Sequence[Noise],
     pinned: int | None,
     shape: FirstShape | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+) -> tuple[Floats, Floats | None]:
     """Deviations of vertices and of volumes; none where the surface is known.
 
     Where the points of the reference left holes, its own shape is open by more than on most of the

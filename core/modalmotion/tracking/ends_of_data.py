@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.mesh import face_areas, vertex_areas
+from modalmotion.representation import Floats
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import NEAR_END, Deformable, Rim, rim_at, rim_of
 from modalmotion.tracking.noise import Noise
@@ -59,18 +59,14 @@ class DataEnd(NamedTuple):
         That it can be found inward of the rim at once.
     """
 
-    beyond: NDArray[np.float64]
-    variances: NDArray[np.float64]
-    shown: NDArray[np.float64]
+    beyond: Floats
+    variances: Floats
+    shown: Floats
     most: float
 
 
 def end_of_cloud(
-    surface: Deformable,
-    rim: Rim,
-    x: NDArray[np.float64],
-    points: Sequence[tuple[NDArray[np.float64], Matches]],
-    noise: float,
+    surface: Deformable, rim: Rim, x: Floats, points: Sequence[tuple[Floats, Matches]], noise: float
 ) -> DataEnd | None:
     """Find where points end that lie evenly on a surface up to its rim.
 
@@ -168,9 +164,7 @@ def end_of_cloud(
     return DataEnd(beyond, per_length / total, shown, wide)
 
 
-def _apart(
-    gap: NDArray[np.float64], corners: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _apart(gap: Floats, corners: Floats) -> tuple[Floats, Floats]:
     """Parts of gaps across and along the planes of triangles, two (n,)."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
@@ -207,7 +201,7 @@ class Ending(Observation):
     offset: float = 0.0
 
     def found(
-        self, surface: Deformable, x: NDArray[np.float64], even: Sequence[Lying], noise: Noise
+        self, surface: Deformable, x: Floats, even: Sequence[Lying], noise: Noise
     ) -> DataEnd | None:
         """How far the data end beyond the rim of a surface with the vertices x, (vertices, 3)."""
         if self.rim is None or not even:
@@ -294,7 +288,7 @@ def _border(surface: Deformable, frame: Frame, end: str, patch: float) -> tuple[
     return (Observation(middles[near], weights=lengths[near] / patch, end=end),)
 
 
-def _are_even(surface: Deformable, x: NDArray[np.float64], frame: Frame) -> bool:
+def _are_even(surface: Deformable, x: Floats, frame: Frame) -> bool:
     """Return whether the points cover a surface, rather than lines on it."""
     if any(len(part) and not part.is_landmark and not lies_evenly(part) for part in frame):
         return False

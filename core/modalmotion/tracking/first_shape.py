@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh import lattice_faces
@@ -21,6 +20,7 @@ from modalmotion.modes.topology import (
     Topology,
     lattice_coordinates,
 )
+from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.deformable import Deformable, require_unfolded
@@ -48,9 +48,7 @@ STARTS: Final = (CUP, SPHERE, CYLINDER, PLANE, CLOSED_CURVE, OPEN_CURVE)
 
 
 def start_shape(
-    topology: Topology,
-    points: NDArray[np.float64],
-    landmarks: Mapping[str, NDArray[np.float64]],
+    topology: Topology, points: Floats, landmarks: Mapping[str, Floats]
 ) -> MeshSequence:
     """Place a spheroid, tube, sheet, ellipse or line among points.
 
@@ -109,14 +107,12 @@ def start_shape(
         if topology == SPHERE:
             extents = np.maximum(extents, 0.05 * extents.max())
     local = _unit_shape(topology, s, theta)
-    x: NDArray[np.float64] = middle + (local * extents) @ axes
+    x: Floats = middle + (local * extents) @ axes
     faces = lattice_faces(topology, shape) if topology.n_axes == 2 else None
     return mesh_sequence(x[None], faces, grid=shape, topology=topology)
 
 
-def _unit_shape(
-    topology: Topology, s: NDArray[np.float64], theta: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _unit_shape(topology: Topology, s: Floats, theta: Floats) -> Floats:
     """Shape along its first axis from -1 to 1, of radius 1 about it."""
     if topology == CUP:
         polar = _CUP_END * s
@@ -136,9 +132,7 @@ def _unit_shape(
     return np.column_stack([2.0 * s - 1.0, 0.0 * s, 0.0 * s])
 
 
-def _ellipsoid(
-    points: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _ellipsoid(points: Floats) -> tuple[Floats, Floats, Floats]:
     """Middle, standard deviations along the axes, longest first, and the axes as rows."""
     kept = points
     middle, spread, axes = np.zeros(3), np.ones(3), np.eye(3)
@@ -189,9 +183,9 @@ class FirstShape(NamedTuple):
 
     template: Template
     grid: tuple[int, ...] | None
-    shapes: NDArray[np.float64]
+    shapes: Floats
     noise: Noise
-    covariance: NDArray[np.float64]
+    covariance: Floats
 
 
 def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> FirstShape:
@@ -246,7 +240,7 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     return FirstShape(make_template(fitted), rough.grid, surface.shapes, noise, covariance)
 
 
-def _require_extent(cloud: NDArray[np.float64], number: int, topology: Topology) -> None:
+def _require_extent(cloud: Floats, number: int, topology: Topology) -> None:
     """Refuse points that no surface of the topology can be laid through."""
     if topology.n_axes != 2:
         return

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet
@@ -24,6 +23,7 @@ from modalmotion.images.sequence import Image, is_of_labels
 from modalmotion.mesh import face_areas
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
+from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import start_shape
@@ -36,8 +36,6 @@ from modalmotion.tracking.moving_base import HELD, base_by_volume, ends_of_cup
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 from modalmotion.tracking.result import ImageAnswer, Papillary, Track
 from modalmotion.tracking.trabecular_correction import has_trabeculae, with_trabeculae
-
-Floats = NDArray[np.float64]
 
 # Of the length of a ventricle: how far its base is towards the apex in frames other than the
 # reference, before their volumes are known.

@@ -6,16 +6,14 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import Plane, Volume
 from modalmotion.images.edges import Levels
 from modalmotion.images.sequence import Image
+from modalmotion.representation import Floats
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.image_view import Imaging, View
-
-Floats = NDArray[np.float64]
 
 # Heights along the axis, and turns about it, of the rays; of planes each has its own height.
 _HEIGHTS: Final = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)

@@ -6,13 +6,13 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import PlaneSet
 from modalmotion.images.sequence import Image
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.numeric.scales import gram, inverse_of_cholesky
+from modalmotion.representation import Floats
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.image_levels import renewed
@@ -21,8 +21,6 @@ from modalmotion.tracking.iterations import FrameEstimate, evidence, first_guess
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame, Observation
-
-Floats = NDArray[np.float64]
 
 # mm: prior deviation of a slice's shift along each of its axes, before the shifts themselves say.
 _LEAST_SHIFT: Final = 0.3
@@ -230,12 +228,7 @@ class ReferenceShape(NamedTuple):
 
 
 def reference_shape(
-    rough: MeshSequence,
-    image: Image,
-    marks: Frame,
-    imaging: Imaging,
-    number: int,
-    points: Floats,
+    rough: MeshSequence, image: Image, marks: Frame, imaging: Imaging, number: int, points: Floats
 ) -> ReferenceShape:
     """Search for it coarse to fine, with levels, bias field and shifts of slices.
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.images import Plane, PlaneSet, Volume
 from modalmotion.images.edges import Edges, Levels, find_edges, offsets_of
@@ -15,9 +14,8 @@ from modalmotion.images.sequence import Image
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.geometry import Edges as MeshEdges
 from modalmotion.mesh.geometry import vertex_normals
+from modalmotion.representation import Floats, Ints
 from modalmotion.tracking.observation import Observation
-
-Floats = NDArray[np.float64]
 
 # Profiles through a volume.
 _N_PROFILES: Final = 1000
@@ -63,13 +61,13 @@ class Facets:
         Those that profiles through volumes start from, each for an equal share of the area.
     """
 
-    faces: NDArray[np.int64]
+    faces: Ints
     edges: MeshEdges
     outward: float
-    vertices: NDArray[np.int64]
+    vertices: Ints
 
     @staticmethod
-    def of(faces: NDArray[np.int64], x: Floats, weights: Floats) -> Facets:
+    def of(faces: Ints, x: Floats, weights: Floats) -> Facets:
         """Take them from triangles, positions (vertices, 3) and areas (vertices,)."""
         ends = np.cumsum(weights) / weights.sum()
         spread = (np.arange(_N_PROFILES) + 0.5) / _N_PROFILES
@@ -165,12 +163,12 @@ class View:
     edges : Edges
     """
 
-    feet: NDArray[np.int64]
+    feet: Ints
     shares: Floats
     starts: Floats
     directions: Floats
     normals: Floats
-    planes: NDArray[np.int64]
+    planes: Ints
     weights: Floats
     extents: Floats
     drawn: Floats

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.numeric.scales import gram, inverse_of_cholesky
+from modalmotion.representation import Floats
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise, Prior, Residuals, most_likely_prior, noise_of
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
@@ -39,16 +39,16 @@ class FrameEstimate:
         (A + K)^-1.
     """
 
-    amplitudes: NDArray[np.float64]
+    amplitudes: Floats
     information: NormalEquations
-    covariance: NDArray[np.float64]
+    covariance: Floats
 
 
 def map_frame(
     surface: Deformable,
     frame: Frame,
-    start: NDArray[np.float64],
-    variances: NDArray[np.float64],
+    start: Floats,
+    variances: Floats,
     noise: Noise,
     most_steps: int = _MOST_STEPS,
 ) -> FrameEstimate:
@@ -91,7 +91,7 @@ Iteration: TypeAlias = list[FrameEstimate | None]
 """All frames at rest, each by itself; None where nothing was observed."""
 
 
-def amplitudes_of(surface: Deformable, here: Iteration) -> NDArray[np.float64]:
+def amplitudes_of(surface: Deformable, here: Iteration) -> Floats:
     """Amplitudes, (frames, modes, 3); those of a missing frame are its neighbour's."""
     full = np.zeros((len(here), len(surface), 3))
     for k, own in enumerate(here):
@@ -106,7 +106,7 @@ def frames_at_rest(
     noise: Noise,
     paths: Sequence[Sequence[int]],
     done: Callable[[], None],
-    starts: NDArray[np.float64] | None = None,
+    starts: Floats | None = None,
 ) -> Iteration:
     """Estimate frame after frame along paths that all go on from the first one.
 
@@ -183,7 +183,7 @@ def evidence(
     return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size))
 
 
-def energy(surface: Deformable, amplitudes: NDArray[np.float64], prior: Prior) -> float:
+def energy(surface: Deformable, amplitudes: Floats, prior: Prior) -> float:
     """Mean over modes and directions of a^2 over its prior variance, translation left out."""
     moves = surface.wavenumbers > 0
     v = prior.variances(surface.wavenumbers)[moves]

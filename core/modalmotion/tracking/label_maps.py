@@ -7,17 +7,15 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.images.sequence import Image, is_sliced
+from modalmotion.representation import Bools, Floats
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.label_slices import ends_in_slices
 from modalmotion.tracking.label_values import cavity_in, values_in
 from modalmotion.tracking.landmarks import Proposed
-
-Floats = NDArray[np.float64]
 
 # Brightness of the labelled cavity; outside is 0.
 _INSIDE: Final = 100.0
@@ -190,7 +188,7 @@ def _ends(volume: Volume, before: Floats | None) -> tuple[Floats, Floats, Floats
     return tip + (z.min() - half - float((tip - base) @ axis)) * axis, base, axis, flat
 
 
-def _flat_end(cavity: NDArray[np.bool_], A: Floats, axis: Floats, half: float) -> Floats:
+def _flat_end(cavity: Bools, A: Floats, axis: Floats, half: float) -> Floats:
     """Direction across the plane in which a cavity ends, which may be aslant to its long axis.
 
     Of planes that touch the cavity from above it is the one that most of its border is near to.

@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import Volume
+from modalmotion.representation import Bools, Floats
 from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.moving_base import DESCENT, OFF_PATH
-
-Floats = NDArray[np.float64]
 
 # Fewer slices have no axis and no taper.
 _FEWEST: Final = 3
@@ -161,7 +159,7 @@ def _stack(frame: Volume, normal: Floats, number: int) -> _Stack:
     return _Stack(heights, areas, line)
 
 
-def _middle(section: NDArray[np.bool_]) -> Floats:
+def _middle(section: Bools) -> Floats:
     middle: Floats = np.argwhere(section).mean(axis=0)
     return middle
 

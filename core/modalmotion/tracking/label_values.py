@@ -12,13 +12,11 @@ from typing import Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.sequence import is_sliced
-
-Floats = NDArray[np.float64]
+from modalmotion.representation import Floats, Ints
 
 # Of a map of labels: most values, range of these, and least share of neighbours that are alike.
 _MOST_VALUES: Final = 150
@@ -156,12 +154,12 @@ def _volumes(images: ImageSequence) -> list[Volume]:
     return there[:: max(1, len(there) // _FRAMES)]
 
 
-def _ml(volume: Volume, values: NDArray[np.int64]) -> Floats:
+def _ml(volume: Volume, values: Ints) -> Floats:
     voxel = abs(float(np.linalg.det(volume.affine[:, :3]))) / _MM3_PER_ML
     return np.array([voxel * np.count_nonzero(volume.values == value) for value in values])
 
 
-def _borders(volume: Volume, values: NDArray[np.int64]) -> NDArray[np.int64]:
+def _borders(volume: Volume, values: Ints) -> Ints:
     """Faces of voxels between each value and each other, (values, 1 + values); the first is 0.
 
     Between thick slices there are none: what is above a slice is another part of the heart.
@@ -178,7 +176,7 @@ def _borders(volume: Volume, values: NDArray[np.int64]) -> NDArray[np.int64]:
         differs = own[:-1] != own[1:]
         pairs = own[:-1][differs] * n + own[1:][differs]
         counts += np.bincount(pairs, minlength=n * n).reshape(n, n)
-    both: NDArray[np.int64] = (counts + counts.T)[1:]
+    both: Ints = (counts + counts.T)[1:]
     return both
 
 

@@ -9,18 +9,15 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ParameterError, ShapeError
 from modalmotion.mesh import UNKNOWN, Facts
 from modalmotion.mesh.fact_forms import read_object
 from modalmotion.mesh.facts import WORDS
-from modalmotion.representation import counted, shown
+from modalmotion.representation import Floats, counted, shown
 from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
 
-Floats = NDArray[np.float64]
-
-Landmarks = Mapping[str, NDArray[np.float64]]
+Landmarks = Mapping[str, Floats]
 """By name a place (3,), or (frames, 3) with NaN if it is unknown; in the points' unit."""
 
 
@@ -41,11 +38,11 @@ class Proposed:
         Of errors along them that frames have in common, so that nothing averages them.
     """
 
-    places: NDArray[np.float64]
+    places: Floats
     sd: float
-    normals: NDArray[np.float64] | None = None
+    normals: Floats | None = None
     normal_sd: float = 0.0
-    covariance: NDArray[np.float64] | None = None
+    covariance: Floats | None = None
 
 
 _REMEDY: Final = (
@@ -54,7 +51,7 @@ _REMEDY: Final = (
 )
 
 
-def landmarks_from_json(text: str) -> dict[str, NDArray[np.float64]]:
+def landmarks_from_json(text: str) -> dict[str, Floats]:
     """Read landmarks by name: a place, or one for each frame and null where it is unknown.
 
     Raises
@@ -66,7 +63,7 @@ def landmarks_from_json(text: str) -> dict[str, NDArray[np.float64]]:
     return {name: places_of(name, value) for name, value in values.items()}
 
 
-def places_of(name: str, value: Any) -> NDArray[np.float64]:
+def places_of(name: str, value: Any) -> Floats:
     """Check the places of one landmark: [x, y, z], or a list of these and of nulls.
 
     Raises
@@ -97,7 +94,7 @@ def _place(name: str, frame: int | None, value: Any) -> Floats:
     )
 
 
-def landmarks_of(facts: Facts) -> dict[str, NDArray[np.float64]]:
+def landmarks_of(facts: Facts) -> dict[str, Floats]:
     """Take the landmarks that facts state, which must be points.
 
     Raises
@@ -149,14 +146,12 @@ class LandmarkFile:
     notes : tuple of str
     """
 
-    places: dict[str, NDArray[np.float64]]
+    places: dict[str, Floats]
     coordinates: str | None
     unit: str | None
     notes: tuple[str, ...] = ()
 
-    def for_points(
-        self, coordinates: str | None, unit: str | None
-    ) -> dict[str, NDArray[np.float64]]:
+    def for_points(self, coordinates: str | None, unit: str | None) -> dict[str, Floats]:
         """Give the places in the coordinate system of points: turned round once, or as they are.
 
         Parameters
@@ -269,7 +264,7 @@ def _malformed(reason: str) -> MalformedFileError:
     return MalformedFileError(f"It is not a file of landmarks ({reason}).", remedy=_FILE_REMEDY)
 
 
-def as_places(name: str, value: Any) -> NDArray[np.float64]:
+def as_places(name: str, value: Any) -> Floats:
     """Take the place of a landmark, or its places, as an array of any shape.
 
     Raises

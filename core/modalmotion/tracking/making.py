@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError, TopologyError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.progress import Progress
+from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends
 from modalmotion.tracking.deformable import Deformable, require_unfolded, require_volume
@@ -99,9 +99,9 @@ class _Seen(NamedTuple):
     shown: ImageFrames | None
     template: Template | None
     grid: tuple[int, ...] | None
-    times: NDArray[np.float64] | None
+    times: Floats | None
     period: float | None
-    phases: NDArray[np.float64]
+    phases: Floats
     first: int
     pinned: int | None
     unseen: tuple[int, ...]
@@ -207,7 +207,7 @@ def _with_ends_of_data(
 
 def _frame_by_frame(
     seen: _Seen, surface: Deformable, frames: tuple[Frame, ...]
-) -> tuple[Iteration, tuple[Frame, ...], Mapping[str, NDArray[np.float64]]]:
+) -> tuple[Iteration, tuple[Frame, ...], Mapping[str, Floats]]:
     """5. Each frame at rest by itself, both ways round the cycle; where the base is assumed."""
     prior, noise = first_guess(surface)
     here = frames_at_rest(surface, frames, prior, noise, seen.paths, seen.done)
@@ -255,7 +255,7 @@ def _all_frames(
     return chain, map_frames(surface, frames, likely.here, chain, noise, seen.pinned, seen.done)
 
 
-def _surfaces(surface: Deformable, found: FramesEstimate) -> NDArray[np.float64]:
+def _surfaces(surface: Deformable, found: FramesEstimate) -> Floats:
     """8. The surfaces, which neither fold nor collapse."""
     vertices = np.stack([surface.positions(a) for a in found.amplitudes])
     require_unfolded(surface, vertices)
@@ -269,7 +269,7 @@ def _with_deviations(
     shape: FirstShape | None,
     chain: Chain,
     found: FramesEstimate,
-    vertices: NDArray[np.float64],
+    vertices: Floats,
     likely: _Likely,
 ) -> Track:
     """9. How far they may be off."""
@@ -322,10 +322,7 @@ def _with_deviations(
 
 
 def _with_notes(
-    seen: _Seen,
-    result: Track,
-    frames: tuple[Frame, ...],
-    levels: Mapping[str, NDArray[np.float64]],
+    seen: _Seen, result: Track, frames: tuple[Frame, ...], levels: Mapping[str, Floats]
 ) -> Track:
     """10. What the images add, and what speaks against the result."""
     images, shown, notes = seen.recorded.images, seen.shown, seen.notes
@@ -341,9 +338,7 @@ def _with_notes(
     return replace(result, notes=told).informed()
 
 
-def _phases(
-    times: NDArray[np.float64] | None, n: int, period: float | None, *, is_closed: bool
-) -> NDArray[np.float64]:
+def _phases(times: Floats | None, n: int, period: float | None, *, is_closed: bool) -> Floats:
     """Find the place of each frame in the cycle, or in the recording, 0 to 1."""
     if times is None or n == 1:
         return np.arange(n) / max(1, n if is_closed else n - 1)

@@ -14,9 +14,9 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.numeric.scales import gram, inverse_of_cholesky
+from modalmotion.representation import Floats
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.iterations import LEAST, Iteration, amplitudes_of
 from modalmotion.tracking.noise import Noise, Prior
@@ -36,13 +36,8 @@ _N_TRIED: Final = 24
 
 
 def chain_precision(
-    phases: NDArray[np.float64],
-    h0: float,
-    anchor: int,
-    offset: float = 1.0,
-    *,
-    is_closed: bool,
-) -> NDArray[np.float64]:
+    phases: Floats, h0: float, anchor: int, offset: float = 1.0, *, is_closed: bool
+) -> Floats:
     """Precision of a chain of frames.
 
     Parameters
@@ -88,11 +83,8 @@ def chain_precision(
 
 
 def joined(
-    matrices: NDArray[np.float64],
-    vectors: NDArray[np.float64],
-    stiffness: NDArray[np.float64],
-    Q: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    matrices: Floats, vectors: Floats, stiffness: Floats, Q: Floats
+) -> tuple[Floats, Floats]:
     """Estimate all frames together: (Q (x) K + A) a = b.
 
     Parameters
@@ -125,10 +117,10 @@ def joined(
     blocks = [order[i : i + 4] for i in range(0, n_frames, 4)]
     amplitudes, covariances = np.empty((n_frames, n)), np.empty((n_frames, n, n))
 
-    def between(i: int, j: int) -> NDArray[np.float64]:
+    def between(i: int, j: int) -> Floats:
         return np.asarray(np.kron(Q[np.ix_(blocks[i], blocks[j])], stiffness), dtype=np.float64)
 
-    inverses, sums = list[NDArray[np.float64]](), list[NDArray[np.float64]]()
+    inverses, sums = list[Floats](), list[Floats]()
     for i, block in enumerate(blocks):
         D, b = between(i, i), vectors[block].ravel()
         for k, frame in enumerate(block):
@@ -164,7 +156,7 @@ _LEAST_OFFSET: Final = 1e-3
 class Chain(NamedTuple):
     """Frames joined by time: their precision (frames, frames), and the prior."""
 
-    Q: NDArray[np.float64]
+    Q: Floats
     prior: Prior
 
 
@@ -172,7 +164,7 @@ def chain_of(
     surface: Deformable,
     here: Iteration,
     prior: Prior,
-    phases: NDArray[np.float64],
+    phases: Floats,
     reference: int,
     *,
     is_closed: bool,
@@ -232,10 +224,10 @@ class FramesEstimate(NamedTuple):
         Covariances, where frames that see the same truncation count as one.
     """
 
-    amplitudes: NDArray[np.float64]
-    across: NDArray[np.float64]
+    amplitudes: Floats
+    across: Floats
     information: list[NormalEquations]
-    lasting: NDArray[np.float64]
+    lasting: Floats
 
 
 def map_frames(
@@ -280,8 +272,8 @@ def map_frames(
 
 
 def _stacked(
-    infos: Sequence[NormalEquations], stiffness: NDArray[np.float64], pinned: int | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    infos: Sequence[NormalEquations], stiffness: Floats, pinned: int | None
+) -> tuple[Floats, Floats]:
     """Matrices and vectors of all frames; a pinned one holds all of its amplitudes at zero."""
     matrices = np.stack([info.matrix for info in infos])
     vectors = np.stack([info.vector for info in infos])

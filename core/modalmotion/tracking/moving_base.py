@@ -7,15 +7,13 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.modes.topology import CUP
+from modalmotion.representation import Floats
 from modalmotion.template import Template
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 from modalmotion.tracking.result import Track, cavity_in, normals_of
-
-Floats = NDArray[np.float64]
 
 DESCENT: Final = (0.185, 0.04)
 """Descent of the base per percent of the volume ejected, mm, and its standard deviation, as

@@ -16,9 +16,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 
 # Powers that are tried. Below 1 the energy beyond the modes would not end.
 _POWERS: Final = np.arange(1.25, 3.01, 0.05)
@@ -48,16 +47,14 @@ class Prior:
         """Start for a surface of this size: motion of a twentieth of it in the longest waves."""
         return Prior(0.05 * size * (2.0 * np.pi) ** 2, 2.0, 0.5 * size)
 
-    def variances(self, wavenumbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def variances(self, wavenumbers: Floats) -> Floats:
         """Variance of each mode in one direction, (modes,) float64, length unit squared."""
         k = np.where(wavenumbers > 0, wavenumbers, 1.0)
         still = wavenumbers <= 0
-        variances: NDArray[np.float64] = np.where(
-            still, self.drift**2, self.scale**2 * k ** (-2.0 * self.power)
-        )
+        variances: Floats = np.where(still, self.drift**2, self.scale**2 * k ** (-2.0 * self.power))
         return variances
 
-    def beyond(self, wavenumbers: NDArray[np.float64], n_axes: int) -> tuple[float, float]:
+    def beyond(self, wavenumbers: Floats, n_axes: int) -> tuple[float, float]:
         """Mean square of one component of what the modes leave, and its independent values.
 
         Parameters
@@ -93,10 +90,7 @@ class Prior:
 
 
 def most_likely_prior(
-    wavenumbers: NDArray[np.float64],
-    energies: NDArray[np.float64],
-    determined: NDArray[np.float64],
-    least_drift: float,
+    wavenumbers: Floats, energies: Floats, determined: Floats, least_drift: float
 ) -> Prior:
     """Scale and power under which the amplitudes are the most likely.
 
@@ -184,14 +178,12 @@ class Noise:
         """Noise whose truncation so many frames have in common."""
         return replace(self, truncation=self.truncation * float(np.sqrt(lasting)))
 
-    def own(self, sd: NDArray[np.float64] | float | None) -> NDArray[np.float64] | float:
+    def own(self, sd: Floats | float | None) -> Floats | float:
         """Variance of each point's own noise, length unit squared; of all where it is unknown."""
-        variance: NDArray[np.float64] | float = np.square(self.sd if sd is None else sd)
+        variance: Floats | float = np.square(self.sd if sd is None else sd)
         return variance
 
-    def variances(
-        self, sd: NDArray[np.float64] | float | None, n_points: float
-    ) -> NDArray[np.float64] | float:
+    def variances(self, sd: Floats | float | None, n_points: float) -> Floats | float:
         """Variance that each of so many points counts with, length unit squared.
 
         Parameters
@@ -206,7 +198,7 @@ class Noise:
         var(mean) = sd^2 / n + truncation^2 / n_values, so each of n counts with n times that.
         """
         share = max(1.0, n_points / self.n_values)
-        total: NDArray[np.float64] | float = self.own(sd) + self.truncation**2 * share
+        total: Floats | float = self.own(sd) + self.truncation**2 * share
         return total
 
 
@@ -223,9 +215,9 @@ class Residuals(NamedTuple):
         Mean over the modes of a^2 over its prior variance.
     """
 
-    points: NDArray[np.float64]
-    residuals: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    points: Floats
+    residuals: Floats
+    weights: Floats
     n_spent: float
     energy: float
 
@@ -287,7 +279,7 @@ def _sizes(frame: Residuals) -> tuple[float, float, float]:
     return total, size**2, apart**2 / 2.0
 
 
-def robust_weights(residuals: NDArray[np.float64], total: float) -> NDArray[np.float64]:
+def robust_weights(residuals: Floats, total: float) -> Floats:
     """Tukey's biweights (1 - (r/cs)^2)^2, zero beyond c s.
 
     Parameters
@@ -300,5 +292,5 @@ def robust_weights(residuals: NDArray[np.float64], total: float) -> NDArray[np.f
         return residuals
     spread = max(total, _PER_MEDIAN * float(np.median(np.abs(residuals))), 1e-300)
     u = np.minimum(np.abs(residuals) / (_TUKEY * spread), 1.0)
-    weights: NDArray[np.float64] = (1.0 - u * u) ** 2
+    weights: Floats = (1.0 - u * u) ** 2
     return weights

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.triangles import face_normals
 from modalmotion.numeric.scales import gram
+from modalmotion.representation import Floats, Ints
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable, alike_over, place_on, rim_at
 from modalmotion.tracking.ends_of_data import Ending, Lying, lies_evenly
@@ -46,16 +47,16 @@ class NormalEquations:
         Of the part of A that points make, the share of their variance that is no noise of theirs.
     """
 
-    matrix: NDArray[np.float64]
-    vector: NDArray[np.float64]
-    points: NDArray[np.float64]
-    residuals: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    feet: NDArray[np.int64]
-    truncated: NDArray[np.float64]
+    matrix: Floats
+    vector: Floats
+    points: Floats
+    residuals: Floats
+    weights: Floats
+    feet: Ints
+    truncated: Floats
 
 
-def across_covariance(seen: NDArray[np.float64], info: NormalEquations) -> NDArray[np.float64]:
+def across_covariance(seen: Floats, info: NormalEquations) -> Floats:
     """Covariance of the amplitudes as far as it shows across the surface.
 
     Parameters
@@ -75,7 +76,7 @@ def across_covariance(seen: NDArray[np.float64], info: NormalEquations) -> NDArr
 
 
 def normal_equations(
-    surface: Deformable, amplitudes: NDArray[np.float64], frame: Frame, noise: Noise
+    surface: Deformable, amplitudes: Floats, frame: Frame, noise: Noise
 ) -> NormalEquations:
     """Linearise the data term about amplitudes, (modes, 3) float64."""
     x = surface.positions(amplitudes)
@@ -118,21 +119,14 @@ class _Sum:
         self.matrix = np.zeros((3 * n_modes, 3 * n_modes))
         self.vector = np.zeros(3 * n_modes)
 
-    def add(
-        self, rows: NDArray[np.float64], gaps: NDArray[np.float64], strengths: NDArray[np.float64]
-    ) -> None:
+    def add(self, rows: Floats, gaps: Floats, strengths: Floats) -> None:
         """Add rows (n, modes, 3), gaps (n,) and strengths (n,)."""
         flat = rows.reshape(len(rows), -1) * np.sqrt(strengths)[:, None]
         self.matrix += gram(flat)
         self.vector += (flat.T @ (np.sqrt(strengths) * gaps)[:, None])[:, 0]
 
     def add_feet(
-        self,
-        surface: Deformable,
-        found: Matches,
-        normals: NDArray[np.float64],
-        along: NDArray[np.float64],
-        strengths: NDArray[np.float64],
+        self, surface: Deformable, found: Matches, normals: Floats, along: Floats, strengths: Floats
     ) -> None:
         """Add distances (n, directions) along normals (n, directions, 3) at the feet of points."""
         for start in range(0, len(strengths), _ROWS_AT_ONCE):
@@ -144,13 +138,8 @@ class _Sum:
 
 
 def _add_points(
-    total: _Sum,
-    surface: Deformable,
-    x: NDArray[np.float64],
-    part: Observation,
-    found: Matches,
-    noise: Noise,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | float]:
+    total: _Sum, surface: Deformable, x: Floats, part: Observation, found: Matches, noise: Noise
+) -> tuple[Floats, Floats, Floats | float]:
     """Add points; their residuals, weights and variances."""
     normals = found.normals if part.normals is None else part.normals[:, None]
     is_surface = part.normals is None and surface.cells.shape[1] == 3
@@ -179,12 +168,7 @@ def _add_points(
     return (normals * along[:, :, None]).sum(axis=1), weights, variance
 
 
-def bulge(
-    found: Matches,
-    x: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    variance: NDArray[np.float64] | float,
-) -> NDArray[np.float64]:
+def bulge(found: Matches, x: Floats, cells: Ints, variance: Floats | float) -> Floats:
     """Height that noise lifts points off a curved surface by, in the mean, (n,).
 
     Parameters
@@ -219,12 +203,12 @@ def bulge(
     curvature = sums / np.where(near > 0, near, 1.0)
     most = 0.5 * np.sqrt(variance)
     heights = (found.shares * curvature[found.corners]).sum(axis=1) * variance / 2.0
-    lifted: NDArray[np.float64] = np.clip(heights, -most, most)
+    lifted: Floats = np.clip(heights, -most, most)
     return lifted
 
 
 def _add_marks(
-    total: _Sum, surface: Deformable, x: NDArray[np.float64], part: Observation, noise: Noise
+    total: _Sum, surface: Deformable, x: Floats, part: Observation, noise: Noise
 ) -> None:
     """Add landmarks, or points that the rim of an end passes through."""
     sides = np.zeros((0, 2), np.int64) if part.end is None else rim_at(surface, part.end)[0]
@@ -255,7 +239,7 @@ def _add_marks(
         total.add(rows, directions @ gap, np.full(len(rows), strength))
 
 
-def _profile_feet(part: Observation, x: NDArray[np.float64]) -> Matches | None:
+def _profile_feet(part: Observation, x: Floats) -> Matches | None:
     """Feet of profiles, which are known; None of other points."""
     if part.feet is None or part.shares is None or part.normals is None:
         return None

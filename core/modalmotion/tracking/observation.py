@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, NonFiniteError, ParameterError, ShapeError
 from modalmotion.mesh import face_normals
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 
 Place: TypeAlias = str | int | tuple[int, ...]
 """Where a landmark sits on the surface: "apex", "base", a vertex, or the mean of some."""
@@ -61,15 +60,15 @@ class Observation(FrozenArrays):
         Of a mesh whose vertices the points are: both ends of each side without a neighbour.
     """
 
-    points: NDArray[np.float64]
-    sd: NDArray[np.float64] | float | None = None
-    weights: NDArray[np.float64] | None = None
-    normals: NDArray[np.float64] | None = None
+    points: Floats
+    sd: Floats | float | None = None
+    weights: Floats | None = None
+    normals: Floats | None = None
     places: tuple[Place, ...] | None = None
-    feet: NDArray[np.int64] | None = None
-    shares: NDArray[np.float64] | None = None
+    feet: Ints | None = None
+    shares: Floats | None = None
     end: str | None = None
-    border: NDArray[np.float64] | None = None
+    border: Floats | None = None
 
     def __post_init__(self) -> None:
         points = _rows(self.points)
@@ -126,7 +125,7 @@ Frame: TypeAlias = tuple[Observation, ...]
 """All observations of one frame; none where it is missing."""
 
 
-def ends_in(frame: Frame) -> dict[str, NDArray[np.float64]]:
+def ends_in(frame: Frame) -> dict[str, Floats]:
     """Places of apex and base that a frame states; of points of an end their middle."""
     ends = {part.end: part.points.mean(axis=0) for part in frame if part.end and len(part)}
     for part in frame:
@@ -221,7 +220,7 @@ def of_surface(vertices: Any, faces: Any) -> Observation:
     return Observation(x[used], weights=weights[used] / weights[used].mean(), border=border)
 
 
-def open_sides(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def open_sides(faces: Ints) -> tuple[Ints, Ints]:
     """Sides of one triangle only, (sides, 2), and its third corner, (sides,).
 
     Triangles with a corner twice do not count.
@@ -234,7 +233,7 @@ def open_sides(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
     return own, opposite - own.sum(axis=1)
 
 
-def _rows(points: Any, what: str = "points of an observation") -> NDArray[np.float64]:
+def _rows(points: Any, what: str = "points of an observation") -> Floats:
     """Copy points as rows of three finite numbers."""
     try:
         rows = np.array(points)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.modes.topology import CLOSED, CUP, SPHERE
+from modalmotion.representation import Floats, Ints
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.normal_equations import NormalEquations
 from modalmotion.tracking.observation import Frame, ends_in
@@ -202,11 +202,11 @@ def axis_notes(result: Track, stated: Sequence[Frame]) -> list[str]:
     return notes
 
 
-def _radius(section: NDArray[np.float64]) -> float:
+def _radius(section: Floats) -> float:
     return float(np.linalg.norm(section - section.mean(axis=0), axis=1).mean())
 
 
-def _frames(which: Sequence[int] | NDArray[np.int64]) -> str:
+def _frames(which: Sequence[int] | Ints) -> str:
     """Name one frame, or the first of several."""
     if len(which) == 1:
         return f"frame {which[0]}"

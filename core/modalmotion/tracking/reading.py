@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ from modalmotion.images import ImageSequence
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import UNKNOWN
 from modalmotion.progress import Progress
-from modalmotion.representation import shown
+from modalmotion.representation import Floats, shown
 from modalmotion.tracking.label_values import whole_labels
 from modalmotion.tracking.landmarks import (
     LANDMARK_SUFFIXES,
@@ -44,8 +44,6 @@ from modalmotion.tracking.landmarks import (
     read_landmark_file,
 )
 from modalmotion.tracking.observation import NAMED_PLACES, Observation, of_surface
-
-Floats: TypeAlias = NDArray[np.float64]
 
 CLOUD_SUFFIXES: Final = (".csv", ".xyz", ".txt")
 """Ends of the names of files of points, three numbers a line."""
@@ -98,8 +96,8 @@ class Recorded:
     """
 
     frames: Sequence[Any]
-    landmarks: Mapping[str, NDArray[np.float64]]
-    times: NDArray[np.float64] | None = None
+    landmarks: Mapping[str, Floats]
+    times: Floats | None = None
     unit: str | None = None
     notes: tuple[str, ...] = ()
     coordinates: str | None = None
@@ -408,7 +406,7 @@ def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
     return _FrameFile(tuple(observed), landmarks)
 
 
-def _farthest(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _farthest(points: Floats) -> Floats:
     """Take the two points of one slice that are farthest apart, of several.
 
     A plane meets the rim of the opening twice. Where it shows both valves, the points between are
@@ -417,7 +415,7 @@ def _farthest(points: NDArray[np.float64]) -> NDArray[np.float64]:
     if len(points) <= 2:
         return points
     apart = np.linalg.norm(points[:, None] - points, axis=2)
-    pair: NDArray[np.float64] = points[list(divmod(int(apart.argmax()), len(points)))]
+    pair: Floats = points[list(divmod(int(apart.argmax()), len(points)))]
     return pair
 
 

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import TopologyError
@@ -17,7 +16,7 @@ from modalmotion.mesh.geometry import Cavity, cavity_of, vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
-from modalmotion.representation import FrozenArrays, shown
+from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import Template, shapes_of
 from modalmotion.tracking.closest import unit_vectors
@@ -58,10 +57,10 @@ class SampledData(FrozenArrays):
         Points of each frame.
     """
 
-    points: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    are_landmarks: NDArray[np.bool_]
-    counts: NDArray[np.int64]
+    points: Floats
+    weights: Floats
+    are_landmarks: Bools
+    counts: Ints
 
     def __post_init__(self) -> None:
         for array in (self.points, self.weights, self.are_landmarks, self.counts):
@@ -207,16 +206,16 @@ class Track(FrozenArrays, Recorded):
     sequence: MeshSequence
     template: Template
     modes: ModeSet
-    amplitudes: NDArray[np.float64]
-    covariances: NDArray[np.float64]
+    amplitudes: Floats
+    covariances: Floats
     prior: Prior
     noise: Noise
-    truncations: NDArray[np.float64]
-    deviations: NDArray[np.float64]
-    volume_deviations: NDArray[np.float64] | None
-    residuals: NDArray[np.float64]
-    inliers: NDArray[np.float64]
-    coverage: NDArray[np.float64]
+    truncations: Floats
+    deviations: Floats
+    volume_deviations: Floats | None
+    residuals: Floats
+    inliers: Floats
+    coverage: Floats
     unseen: tuple[int, ...]
     reference: int | None
     notes: tuple[str, ...]
@@ -260,19 +259,19 @@ class Track(FrozenArrays, Recorded):
         return replace(self, sequence=replace(self.sequence, uncertainty=known))
 
     @cached_property
-    def wavenumbers(self) -> NDArray[np.float64]:
+    def wavenumbers(self) -> Floats:
         """Wave number of each mode times the surface's length, (modes,) float64."""
         length = float(np.exp(np.log(np.array(self.template.lengths)).mean()))
-        k: NDArray[np.float64] = self.modes.wavenumbers_on(self.template.lengths) * length
+        k: Floats = self.modes.wavenumbers_on(self.template.lengths) * length
         return k
 
     @cached_property
-    def shapes(self) -> NDArray[np.float64]:
+    def shapes(self) -> Floats:
         """What a unit of each amplitude moves the vertices by, (vertices, modes) float64."""
         return affine_shapes(shapes_of(self.modes, self.template), self.template)
 
     @cached_property
-    def mode_deviations(self) -> NDArray[np.float64]:
+    def mode_deviations(self) -> Floats:
         """Standard deviation of each amplitude across the surface and along it.
 
         Returns
@@ -295,7 +294,7 @@ class Track(FrozenArrays, Recorded):
         return deviations
 
     @cached_property
-    def determined(self) -> NDArray[np.float64]:
+    def determined(self) -> Floats:
         """Share of each mode that the data have set, across the surface and along it.
 
         Returns
@@ -310,7 +309,7 @@ class Track(FrozenArrays, Recorded):
         return np.asarray(np.clip(1.0 - (kept**2).mean(axis=0) / prior, 0.0, 1.0))
 
     @cached_property
-    def volumes(self) -> NDArray[np.float64] | None:
+    def volumes(self) -> Floats | None:
         """Volume in each frame, (frames,) float64, length unit cubed; None of what has none.
 
         Of images under their convention: papillary muscles are taken off under `wall`.
@@ -355,7 +354,7 @@ class Track(FrozenArrays, Recorded):
         return 200.0 * difference_deviation(float(sd[es]), start, correlation) / float(v[ed])
 
 
-def normals_of(template: Template, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def normals_of(template: Template, x: Floats) -> Floats:
     """Take unit normals of a surface, (vertices, 3); of a curve directions from its middle."""
     if len(template.faces):
         return vertex_normals(x, template.faces)

@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.images.sequence import Image
 from modalmotion.mesh import Cavity, face_areas
@@ -21,12 +20,11 @@ from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.triangles import vertex_areas
 from modalmotion.modes.topology import CUP
+from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.image_levels import renewed
 from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
-
-Floats = NDArray[np.float64]
 
 # mm within an edge that muscle is looked for in, and beyond it that blood is: there an edge may
 # have been drawn inward by muscle.
@@ -131,7 +129,7 @@ def muscle_within(
     return field
 
 
-def _before_blood(like: Floats, away: Floats, step: float) -> NDArray[np.bool_]:
+def _before_blood(like: Floats, away: Floats, step: float) -> Bools:
     """Find the samples between an edge and the first blood on its inner side."""
     n = max(1, round(_BLURRED / step))
     sums = np.zeros((len(like), like.shape[1] + 1))
@@ -140,7 +138,7 @@ def _before_blood(like: Floats, away: Floats, step: float) -> NDArray[np.bool_]:
     means[:, n - 1 :] = (sums[:, n:] - sums[:, :-n]) / n
     is_blood = (means > _BLOOD) & (away <= -_BLURRED)
     first = np.where(is_blood, away, -np.inf).max(axis=1)
-    before: NDArray[np.bool_] = away > np.minimum(first, -_BLURRED)[:, None]
+    before: Bools = away > np.minimum(first, -_BLURRED)[:, None]
     return before
 
 
@@ -222,7 +220,7 @@ def with_trabeculae(
     return moved, means
 
 
-def _height(x: Floats, faces: NDArray[np.int64]) -> float:
+def _height(x: Floats, faces: Ints) -> float:
     """Height of the cones over a surface that fill its cavity, mm."""
     return 3.0 * abs(float(Cavity(faces).volume(x))) / float(face_areas(x, faces).sum())
 

@@ -10,7 +10,8 @@ import pytest
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import Volume
-from modalmotion.tracking.label_slices import Floats, ends_in_slices
+from modalmotion.representation import Floats
+from modalmotion.tracking.label_slices import ends_in_slices
 
 STEP, PIXEL = 8.0, 1.5
 LENGTH, CUT = 50.0, 25.0
