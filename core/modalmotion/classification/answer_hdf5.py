@@ -13,7 +13,7 @@ from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.mesh import UNKNOWN
 from modalmotion.signature.making import SignatureParameters
 
-FORM: Final = Form("classification", 3)
+FORM: Final = Form("classification", 4)
 
 _OF_ANSWER: Final = ("classes", "label", "class_set", "coverage", "flags", "notes", "provenance")
 
