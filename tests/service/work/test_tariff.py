@@ -141,8 +141,10 @@ def test_an_honest_file_takes_no_more_than_a_few_times_its_price(
     path.write_bytes(data)
     sent, parameters = Upload(path, ReadOptions()), SignatureParameters(modes=modes)
     signatures.sign_upload(sent, parameters, None, JSON)
-    start = time.process_time()
-    signatures.sign_upload(sent, parameters, None, JSON)
-    spent = time.process_time() - start
-    assert spent < 4 * signature_seconds(len(data), parameters)
+    spent = []
+    for _ in range(5):
+        start = time.process_time()
+        signatures.sign_upload(sent, parameters, None, JSON)
+        spent.append(time.process_time() - start)
+    assert min(spent) < 4 * signature_seconds(len(data), parameters)
     assert TARIFF.terms(signatures.sign_upload, (sent, parameters, None, JSON)).most_seconds >= 2
