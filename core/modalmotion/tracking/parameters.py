@@ -72,6 +72,11 @@ class TrackParameters:
                 f"The convention about papillary muscles is {self.papillary!r:.40}.",
                 remedy="Use pool, where they are cavity, or wall, where they are not.",
             )
+        if not isinstance(self.landmarks, Mapping | None):
+            raise ParameterError(
+                f"The landmarks are {self.landmarks!r:.40}, without names.",
+                remedy='Give each with its name, such as {"apex": (x, y, z)}.',
+            )
         # A text would be taken apart to letters, each of which is part of some name.
         is_list = isinstance(self.labels, tuple | list)
         if not is_list or not all(isinstance(one, str | Integral) for one in self.labels):

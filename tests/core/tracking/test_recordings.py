@@ -77,6 +77,13 @@ def test_labels_are_a_list_of_numbers_or_names(labels: object) -> None:
     assert "such as (3,)" in caught.value.remedy
 
 
+@pytest.mark.parametrize("landmarks", [[1, 2], "apex", ()])
+def test_landmarks_have_names(landmarks: object) -> None:
+    with pytest.raises(ParameterError, match="without names") as caught:
+        track(BALL, modes=4, landmarks=landmarks)
+    assert '"apex"' in caught.value.remedy
+
+
 def test_what_is_neither_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.npz").write_bytes(b"nothing")
     with pytest.raises(MalformedFileError):
