@@ -30,10 +30,10 @@ from modalmotion.cli.track_commands import fitted_recording, tracking_options
 from modalmotion.clinical import VolumeCurve, clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_json, ventricle_readouts
 from modalmotion.errors import TopologyError
-from modalmotion.exports.tables import direction_names
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.pictures.readouts import bulls_eye_figure, most_moved, volume_figure
 from modalmotion.representation import counted, numeral
+from modalmotion.signature.mode_names import direction_names
 
 if TYPE_CHECKING:
     from modalmotion.classification import TrainingCase
