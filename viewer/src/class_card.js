@@ -1,6 +1,6 @@
 // The class of a motion in a sentence: the answer of a model, and what moved it.
 
-import { h, probability, refill } from "./dom.js";
+import { h, probability, refill, signed } from "./dom.js";
 import { noteOf } from "./notes.js";
 
 const capital = (text) => text[0].toUpperCase() + text.slice(1);
@@ -29,7 +29,8 @@ export function classCard({ waves, classification }, classify, showOnly, lead) {
     if (!shown.length) return null;
     const label = shown.map((w) => waves[w].label).join(" ");
     return h("button", { type: "button", title: "Show these modes alone", onclick: () => showOnly(shown) },
-      h("span", { class: `sign ${part.score >= 0 ? "for" : "against"}` }, part.score >= 0 ? "for" : "against"), ` ${waves[shown[0]].name} `, h("code", {}, label));
+      h("span", { class: `sign ${part.score >= 0 ? "for" : "against"}` }, part.score >= 0 ? "for" : "against"), ` ${waves[shown[0]].name} `, h("code", {}, label),
+      part.per_unit ? ` ${signed(part.per_unit)} per ${part.unit || "length unit"}` : "");
   };
   const show = (answer) => {
     box.hidden = !answer && !classify;
@@ -59,7 +60,8 @@ export function classCard({ waves, classification }, classify, showOnly, lead) {
       h("p", { class: "sentence" }, h("strong", {}, label), rest),
       answer.notes.slice(0, 3).map((note) => h("p", { class: "note" }, noteOf(note, lead))),
       reasons.length
-        ? h("details", {}, h("summary", {}, "What moved the answer"), h("div", { class: "reasons" }, reasons))
+        ? h("details", {}, h("summary", {}, "What moved the answer"), h("div", { class: "reasons" }, reasons),
+          h("p", { class: "note" }, "Per length unit: change of the class score, the logarithm of the odds of this class against the next, by so much more motion of these modes."))
         : null,
     );
   };

@@ -34,6 +34,9 @@ export function numeral(x, digits = 3) {
   return x.toFixed(Math.min(Math.max(digits - 1 - Math.floor(Math.log10(size)), 0), 6));
 }
 
+// With its sign, also where it is positive.
+export const signed = (x) => `${x < 0 ? "−" : "+"}${numeral(Math.abs(x))}`;
+
 // A probability; near 1 its bound, as no estimate is certain.
 export const probability = (p) => (p > 0.99 ? ">\u00a00.99" : p.toFixed(2));
 

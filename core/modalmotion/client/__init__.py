@@ -1,6 +1,6 @@
 """A client of the HTTP service; needs the extra `client`."""
 
-from modalmotion.client.calls import Job, JobStatus
+from modalmotion.client.calls import Job
 from modalmotion.client.client import Client
 from modalmotion.client.connection import Answer, Retries
 from modalmotion.client.errors import (
@@ -10,21 +10,17 @@ from modalmotion.client.errors import (
     RemoteError,
     UnreachableError,
 )
-from modalmotion.client.values import CompressedSequence, Info, SignatureArrays, TemplateModes
+from modalmotion.client.values import Info
 
 __all__ = [
     "Answer",
     "BrokenAnswerError",
     "Client",
-    "CompressedSequence",
     "Info",
     "Job",
     "JobCancelledError",
-    "JobStatus",
     "JobUnfinishedError",
     "RemoteError",
     "Retries",
-    "SignatureArrays",
-    "TemplateModes",
     "UnreachableError",
 ]

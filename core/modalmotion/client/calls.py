@@ -19,11 +19,10 @@ from modalmotion.client.errors import (
     remote_error,
     understood,
 )
-from modalmotion.client.values import Info, compressed_of, info_of, template_modes_of
+from modalmotion.client.values import NPZ, STREAM, Info, arrays_of, compressed_of, info_of
 from modalmotion.formats.npz import read_npz
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress, in_percent
-from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -34,49 +33,21 @@ _FIRST_PAUSE: Final = 0.05
 _LONGEST_PAUSE: Final = 2.0
 
 
-@shown("kind", "state", "progress", "result", "id")
-@dataclass(frozen=True)
-class JobStatus:
-    """State and progress of a job.
+_ENDED: Final = ("succeeded", "failed", "cancelled")
 
-    Parameters
-    ----------
-    id, kind : str
-    state : str
-        queued, running, succeeded, failed or cancelled.
-    progress : float
-        Share that is done, 0 to 1.
-    result : str or None
-        Link to the result, once it exists.
-    error : dict or None
-        The problem it failed with.
-    """
 
-    id: str
-    kind: str
-    state: str
-    progress: float
-    result: str | None
-    error: dict[str, Any] | None
-
-    @staticmethod
-    def of(answer: Any) -> JobStatus:
-        """Read a description of a job."""
-        with understood("a job"):
-            result, error = answer["result"], answer["error"]
-            return JobStatus(
-                id=segment(str(answer["id"])),
-                kind=str(answer["kind"]),
-                state=str(answer["state"]),
-                progress=float(answer["progress"]),
-                result=None if result is None else str(result),
-                error=None if error is None else dict(error),
-            )
-
-    @property
-    def is_finished(self) -> bool:
-        """Whether it has ended, in whichever way."""
-        return self.state in ("succeeded", "failed", "cancelled")
+def status_of(answer: Any) -> Info:
+    """Read a description of a job: id, kind, state, progress from 0 to 1, result and error."""
+    status = Info(answer)
+    with understood("a job"):
+        segment(status["id"])
+        is_text = isinstance(status["kind"], str) and isinstance(status["state"], str)
+        is_link = status["result"] is None or isinstance(status["result"], str)
+        is_problem = status["error"] is None or isinstance(status["error"], dict)
+        if not (is_text and is_link and is_problem):
+            raise TypeError
+        float(status["progress"])
+    return status
 
 
 @dataclass(eq=False, repr=False)
@@ -85,17 +56,18 @@ class Job(Generic[T]):
 
     Parameters
     ----------
-    connection : Connection
-    status : JobStatus
-        At the last poll.
+    service : Connection
+    status : Info
+        At the last poll: id, kind, state (queued, running, succeeded, failed or cancelled),
+        progress (0 to 1), result (a link) and error (the problem it failed with).
     read : function
         Reads the result from the answer to its link.
     accept : str
         Media type to request the result in.
     """
 
-    _connection: Connection
-    status: JobStatus
+    _service: Connection
+    status: Info
     _read: Callable[[Answer], T]
     _accept: str
 
@@ -105,9 +77,9 @@ class Job(Generic[T]):
     @property
     def id(self) -> str:
         """Id of the job at the service."""
-        return self.status.id
+        return str(self.status["id"])
 
-    def refresh(self) -> JobStatus:
+    def refresh(self) -> Info:
         """Fetch the current status."""
         self._poll()
         return self.status
@@ -120,7 +92,7 @@ class Job(Generic[T]):
         RemoteError
             With the code `conflict` if it has finished.
         """
-        self.status = JobStatus.of(self._connection.send(Call("DELETE", self._path)).json)
+        self.status = status_of(self._service._send(Call("DELETE", self._path)).json)
 
     def wait(self, *, timeout: float | None = None, progress: Progress | None = None) -> T:
         """Wait for the result.
@@ -144,9 +116,9 @@ class Job(Generic[T]):
         end = None if timeout is None else time.monotonic() + timeout
         pause, report = _FIRST_PAUSE, in_percent(progress)
         while True:
-            requested = None if self.status.is_finished else self._poll()
+            requested = None if self._is_finished else self._poll()
             report(self.status.progress)
-            if self.status.is_finished:
+            if self._is_finished:
                 return self._result()
             pause = min(
                 2 * pause,
@@ -159,15 +131,19 @@ class Job(Generic[T]):
                     remedy="Wait longer, now or later: it goes on by itself.",
                     details={"job": self.id},
                 )
-            self._connection.sleep(pause)
+            self._service._sleep(pause)
+
+    @property
+    def _is_finished(self) -> bool:
+        return self.status["state"] in _ENDED
 
     @property
     def _path(self) -> str:
         return f"/v1/jobs/{self.id}"
 
     def _poll(self) -> float | None:
-        answer = self._connection.send(Call("GET", self._path))
-        self.status = JobStatus.of(answer.json)
+        answer = self._service._send(Call("GET", self._path))
+        self.status = status_of(answer.json)
         return retry_after(answer.headers.get("retry-after"))
 
     def _result(self) -> T:
@@ -177,24 +153,24 @@ class Job(Generic[T]):
                 remedy="Start it again.",
                 details={"job": self.id},
             )
-        if self.status.error is not None:
-            problem = self.status.error
+        if self.status["error"] is not None:
+            problem = dict(self.status["error"])
             status = problem.get("status")
             error = remote_error(problem, status if isinstance(status, int) else 500)
             error.details["job"] = self.id
             raise error
-        link = self.status.result
+        link = self.status["result"]
         if link is None or not link.startswith("/"):
             raise BrokenAnswerError(
                 f"The job {self.id} has succeeded but names no result.",
                 remedy="Check the version of the service.",
             )
-        answer = self._connection.send(Call("GET", link, accept=self._accept))
-        return awaited(self._connection, answer, self._read, self._accept)
+        answer = self._service._send(Call("GET", link, accept=self._accept))
+        return awaited(self._service, answer, self._read, self._accept)
 
 
 def awaited(
-    connection: Connection,
+    service: Connection,
     answer: Answer,
     read: Callable[[Answer], T],
     accept: str,
@@ -203,7 +179,7 @@ def awaited(
     """Read an answer; where it is a job (202), wait for its result and read that."""
     if answer.status != 202:
         return read(answer)
-    return Job(connection, JobStatus.of(answer.json), read, accept).wait(progress=progress)
+    return Job(service, status_of(answer.json), read, accept).wait(progress=progress)
 
 
 # Options that select the signature; all others belong to what is computed from it.
@@ -240,7 +216,8 @@ def call(
     def decorate(function: F) -> F:
         signature = inspect.signature(function)
         kind, _, inner = str(signature.return_annotation).rstrip("]").rpartition("[")
-        read = _READERS[inner]
+        # Of an object, the media type says how it is written.
+        read = _READERS[accept if inner == "Info" and accept in _READERS else inner]
 
         @functools.wraps(function)
         def made(self: Caller, *args: Any, **options: Any) -> Any:
@@ -274,16 +251,13 @@ def call(
     return decorate
 
 
-class Caller:
+class Caller(Connection):
     """What all calls to one service have in common.
 
     Parameters
     ----------
     connection : Connection
     """
-
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
 
     def _get(self, path: str, accept: str = JSON) -> Answer:
         return self._awaited(Call("GET", path, None, accept), lambda answer: answer)
@@ -297,20 +271,20 @@ class Caller:
         is_upload: bool = False,
     ) -> T:
         """Send a request, and wait for its result; progress is of the upload, or of the job."""
-        answer = self._connection.send(asked, progress if is_upload else None)
+        answer = self._send(asked, progress if is_upload else None)
         shown = None if is_upload else progress
-        return awaited(self._connection, answer, read, asked.accept, shown)
+        return awaited(self, answer, read, asked.accept, shown)
 
     def _started(
         self, asked: Call, read: Callable[[Answer], T], progress: Progress | None = None
     ) -> Job[T]:
-        answer = self._connection.send(asked.with_headers(Prefer="respond-async"), progress)
+        answer = self._send(asked.with_headers(Prefer="respond-async"), progress)
         if answer.status != 202:
             raise BrokenAnswerError(
                 f"The service answered {answer.status} and started no job.",
                 remedy="Make the call that waits for its result.",
             )
-        return Job(self._connection, JobStatus.of(answer.json), read, asked.accept)
+        return Job(self, status_of(answer.json), read, asked.accept)
 
     def _key(self, sequence_id: str, own: Mapping[str, Option]) -> str:
         """Key of a signature, made where options say which; a sequence represents its usual one."""
@@ -390,15 +364,14 @@ def _read(answer: Any) -> Any:
 
 
 _READERS: Final[dict[str, Callable[[Any], Any]]] = {
-    "CompressedSequence": compressed_of,
     "FeatureTable": _features_of,
     "Info": _read,
-    "JobStatus": JobStatus.of,
     "MeshSequence": sequence_of,
     "ModalSignature": signature_of,
     "None": lambda _: None,
-    "TemplateModes": template_modes_of,
     "Track": track_of,
     "str": str,
+    NPZ: arrays_of,
+    STREAM: compressed_of,
 }
 """How an answer, or a member of a list, is read, by the annotation of what comes back."""

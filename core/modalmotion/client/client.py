@@ -5,15 +5,14 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from modalmotion.client.bodies import Option, Source, body_of, json_body, segment
-from modalmotion.client.calls import Job, JobStatus, awaited, call, parted, posted
-from modalmotion.client.connection import JSON, MOST_BYTES, Answer, Call, Connection, Retries
+from modalmotion.client.calls import Job, call, parted, posted, status_of
+from modalmotion.client.connection import JSON, Answer, Call
 from modalmotion.client.errors import RemoteError, UnreachableError
 from modalmotion.client.recordings import Recording, Recordings, track_call
 from modalmotion.client.values import (
@@ -21,14 +20,11 @@ from modalmotion.client.values import (
     ZIP,
     Info,
     form_of,
-    info_of,
 )
 from modalmotion.errors import StoreError
 from modalmotion.progress import Progress
 
 if TYPE_CHECKING:
-    import httpx2
-
     from modalmotion.classification import FeatureTable
 
 Case = str | Mapping[str, Any]
@@ -71,30 +67,6 @@ class Client(Recordings):
     (25, 7, 3)
     """
 
-    def __init__(
-        self,
-        base_url: str,
-        key: str | None = None,
-        *,
-        timeout: float = 60.0,
-        retries: Retries | None = None,
-        transport: httpx2.BaseTransport | None = None,
-        sleep: Callable[[float], None] = time.sleep,
-        most_bytes: int = MOST_BYTES,
-    ) -> None:
-        schedule = Retries() if retries is None else retries
-        super().__init__(Connection(base_url, key, timeout, schedule, transport, sleep, most_bytes))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the connections."""
-        self._connection.close()
-
     # The service itself.
 
     def is_ready(self) -> bool:
@@ -106,13 +78,13 @@ class Client(Recordings):
         return True
 
     @call("GET /v1/jobs")
-    def jobs(self, *, state: str | None = None, page: int = 100) -> Iterator[JobStatus]:
+    def jobs(self, *, state: str | None = None, page: int = 100) -> Iterator[Info]:
         """List jobs from the newest to the oldest, fetched a page at a time."""
 
     def job(self, job_id: str, accept: str = "*/*") -> Job[Answer]:
         """Return a job by its id; its result is the unparsed answer to its link."""
-        status = JobStatus.of(self._get(f"/v1/jobs/{segment(job_id)}").json)
-        return Job(self._connection, status, lambda answer: answer, accept)
+        status = status_of(self._get(f"/v1/jobs/{segment(job_id)}").json)
+        return Job(self, status, lambda answer: answer, accept)
 
     @call("GET /v1/audit")
     def audit(self, *, owner: str | None = None, page: int = 100) -> Iterator[Info]:
@@ -147,6 +119,7 @@ class Client(Recordings):
 
     # Classes and models.
 
+    @call("POST /v1/signatures/{sequence_id}/classifications")
     def classify(self, sequence_id: str, **options: Option) -> Info:
         """Ask a model for the class of a stored sequence's motion.
 
@@ -156,12 +129,6 @@ class Client(Recordings):
         **options
             model, the shipped one by default; coverage.
         """
-        path = f"/v1/signatures/{segment(sequence_id)}/classifications"
-        asked = posted(path, options)
-        # A job's result is the list of all models' answers: of what is kept this one's is asked.
-        while (answer := self._connection.send(asked)).status == 202:
-            awaited(self._connection, answer, _content, asked.accept)
-        return info_of(answer)
 
     @call("POST /v1/classify")
     def classify_of(

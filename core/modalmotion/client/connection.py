@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import secrets
 import time
@@ -10,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -185,9 +186,10 @@ class Connection:
     def __init__(
         self,
         base_url: str,
-        key: str | None,
-        timeout: float,
-        retries: Retries,
+        key: str | None = None,
+        *,
+        timeout: float = 60.0,
+        retries: Retries | None = None,
         transport: httpx2.BaseTransport | None = None,
         sleep: Callable[[float], None] = time.sleep,
         most_bytes: int = MOST_BYTES,
@@ -204,9 +206,9 @@ class Connection:
         headers = {"User-Agent": f"modalmotion-client/{version('modalmotion')}"}
         if key is not None:
             headers["Authorization"] = f"Bearer {_plain_key(key)}"
-        self._retries = retries
+        self._retries = retries or Retries()
         self._most_bytes = most_bytes
-        self.sleep = sleep
+        self._sleep = sleep
         self._http = httpx2.Client(
             base_url=base_url,
             headers=headers,
@@ -216,11 +218,17 @@ class Connection:
             trust_env=not re.fullmatch(_LOOPBACK, parts.hostname),
         )
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def close(self) -> None:
         """Close the connections."""
         self._http.close()
 
-    def send(self, call: Call, progress: Progress | None = None) -> Answer:
+    def _send(self, call: Call, progress: Progress | None = None) -> Answer:
         """Send a request, retry where that is safe and may help, and read its answer.
 
         Parameters
@@ -261,7 +269,7 @@ class Connection:
             is_last = attempt + 1 == self._retries.attempts
             if not waits or is_last or time.monotonic() + wait > end:
                 raise failure
-            self.sleep(wait)
+            self._sleep(wait)
         raise AssertionError("at least one attempt is made")
 
     def _attempt(self, call: Call, progress: Progress | None, end: float) -> Answer:
@@ -288,7 +296,8 @@ class Connection:
             )
             response = self._http.send(request, stream=True)
             try:
-                payload = b"".join(_at_most(self._most_bytes, _until(end, response.iter_bytes())))
+                pieces = _until(end, response.iter_bytes(), self._most_bytes)
+                payload = b"".join(pieces)
             finally:
                 response.close()
         answer_headers = {name.lower(): value for name, value in response.headers.items()}
@@ -320,7 +329,8 @@ def _plain_key(key: str) -> str:
     return plain
 
 
-def _at_most(most: int, pieces: Iterator[bytes]) -> Iterator[bytes]:
+def _until(end: float, pieces: Iterator[bytes], most: float = math.inf) -> Iterator[bytes]:
+    """Pass pieces on up to a moment of `time.monotonic`, and up to a number of bytes."""
     n_bytes = 0
     for piece in pieces:
         n_bytes += len(piece)
@@ -331,12 +341,6 @@ def _at_most(most: int, pieces: Iterator[bytes]) -> Iterator[bytes]:
                 limit="most_bytes",
                 details={"most": most},
             )
-        yield piece
-
-
-def _until(end: float, pieces: Iterator[bytes]) -> Iterator[bytes]:
-    """Yield pieces until the deadline: each may come just before its timeout, for ever."""
-    for piece in pieces:
         if time.monotonic() > end:
             raise UnreachableError(
                 "The call did not finish before its deadline.",

@@ -18,7 +18,6 @@ from modalmotion.client.calls import (
     call,
     parted,
     posted,
-    sequence_of,
     signature_call,
     signature_of,
 )
@@ -28,16 +27,13 @@ from modalmotion.client.values import (
     HDF5,
     NPZ,
     STREAM,
-    CompressedSequence,
     Info,
-    SignatureArrays,
-    TemplateModes,
     info_of,
     pack_of,
 )
 from modalmotion.errors import ShapeError
 from modalmotion.mesh import Facts
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
 from modalmotion.signature.distance import Comparison
 from modalmotion.signature.making import ModalSignature
@@ -87,35 +83,6 @@ class Recordings(Caller):
         UnreachableError
             If no answer comes. Sent again, it is stored once.
         """
-
-    def upload_arrays(
-        self,
-        vertices: Any,
-        faces: Any = None,
-        *,
-        subject: str | None = None,
-        label: str | None = None,
-        progress: Progress | None = None,
-        **stated: Any,
-    ) -> Info:
-        """Send a sequence from arrays, which are checked before anything is sent.
-
-        Parameters
-        ----------
-        vertices : (frames, vertices, 3) array_like, in `unit`
-        faces : (faces, 3) array_like of int, optional
-        subject, label : str, optional
-        progress : callable, optional
-        **stated
-            grid, topology, times, unit, facts, as for `mesh_sequence`.
-
-        Raises
-        ------
-        InputError
-            As `mesh_sequence` does.
-        """
-        sequence = mesh_sequence(vertices, faces, **stated)
-        return self.upload(sequence, progress=progress, subject=subject, label=label)
 
     @call("POST /v1/sequences", is_keyed=True)
     def start_upload(
@@ -168,7 +135,7 @@ class Recordings(Caller):
         if isinstance(changes.get("facts"), Facts):
             changes["facts"] = plain({"facts": changes["facts"]})
         path = f"/v1/sequences/{segment(sequence_id)}"
-        return info_of(self._connection.send(Call("PATCH", path, body=json_body(changes))))
+        return info_of(self._send(Call("PATCH", path, body=json_body(changes))))
 
     @call("DELETE /v1/sequences/{sequence_id}")
     def delete(self, sequence_id: str) -> None:
@@ -229,7 +196,7 @@ class Recordings(Caller):
 
     def signatures(
         self, sequence_ids: Iterable[str], *, progress: Progress | None = None, **options: Option
-    ) -> list[SignatureArrays]:
+    ) -> list[Info]:
         """Return the trajectories of many sequences, in the order of their ids.
 
         Parameters
@@ -245,7 +212,7 @@ class Recordings(Caller):
         if len(ids) > 1:
             with understood("a list of limits"):
                 at_once = max(1, int(self.limits().get("query_ids", _AT_ONCE)))
-        answers: list[SignatureArrays] = []
+        answers: list[Info] = []
         for start in range(0, len(ids), at_once):
             request = {"ids": ids[start : start + at_once], **options}
             answers += self._awaited(posted("/v1/signatures/query", request, NPZ), pack_of)
@@ -272,12 +239,7 @@ class Recordings(Caller):
         path = f"/v1/signatures/{self._key(sequence_id, own)}/distance"
         found = self._awaited(Call("GET", path, query), info_of)
         with understood("a distance"):
-            by_errors = found["by_errors"]
-            return Comparison(
-                float(found["distance"]),
-                bool(found["uses_theta_zero"]),
-                None if by_errors is None else float(by_errors),
-            )
+            return Comparison(**found)
 
     @call("GET /v1/signatures/{signature}/readouts")
     def readouts(self, sequence_id: str, **options: Option) -> Info:
@@ -309,7 +271,7 @@ class Recordings(Caller):
     @call("POST /v1/encode", STREAM)
     def encode(
         self, source: Source, *, progress: Progress | None = None, **options: Option
-    ) -> CompressedSequence:
+    ) -> Info:
         """Compress a sequence at an error you choose; nothing is stored.
 
         Parameters
@@ -322,33 +284,23 @@ class Recordings(Caller):
         """
 
     @call("GET /v1/sequences/{sequence_id}/encoded", STREAM)
-    def encoded(self, sequence_id: str, **options: Option) -> CompressedSequence:
+    def encoded(self, sequence_id: str, **options: Option) -> Info:
         """Return a stored sequence as a compressed stream: rms, max_error or bytes; effort."""
 
+    @call("POST /v1/decode", NPZ)
     def decode(
-        self,
-        source: Source,
-        *,
-        frames: range | None = None,
-        vertices: range | None = None,
-        progress: Progress | None = None,
+        self, source: Source, *, progress: Progress | None = None, **options: Option
     ) -> MeshSequence:
-        """Decode a stream.
+        """Decode a stream, or a part of it.
 
         Parameters
         ----------
         source : path or bytes
-        frames : range, optional
-            Without gaps; all frames by default.
-        vertices : range, optional
-            Without gaps; all vertices by default, else those with the triangles between them.
         progress : callable, optional
+        **options
+            first and stop: frames; first_vertex and stop_vertex: vertices, with the triangles
+            between them.
         """
-        ends = {} if frames is None else {"first": frames.start, "stop": frames.stop}
-        if vertices is not None:
-            ends |= {"first_vertex": vertices.start, "stop_vertex": vertices.stop}
-        asked = Call("POST", "/v1/decode", ends, NPZ, body_of(source), is_repeatable=True)
-        return self._awaited(asked, sequence_of, progress, is_upload=True)
 
     @call("POST /v1/templates")
     def make_template(
@@ -373,7 +325,7 @@ class Recordings(Caller):
         """Describe a template."""
 
     @call("GET /v1/templates/{template_id}/modes", NPZ)
-    def template_modes(self, template_id: str, modes: int = 7, **options: Option) -> TemplateModes:
+    def template_modes(self, template_id: str, modes: int = 7, **options: Option) -> Info:
         """Return labels, angular frequencies and shapes of the vibration modes of a surface.
 
         Parameters

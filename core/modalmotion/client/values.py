@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,8 +13,13 @@ from modalmotion.client.connection import JSON, Answer
 from modalmotion.client.errors import understood
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import facts_from_json
-from modalmotion.representation import LONGEST_LINE, Floats, shown
+from modalmotion.representation import LONGEST_LINE
 
+# Arrays of a signature that is one of many.
+PACKED: Final = (
+    *("modes", "amplitudes", "amplitude_deviations", "angular_frequencies", "times"),
+    *("rms_errors", "weighted_rms_errors"),
+)
 _SHOWN: Final = (
     *("name", "version", "label", "probability", "subject", "kind", "topology", "n_frames"),
     *("n_vertices", "unit", "id"),
@@ -79,119 +83,32 @@ def _as_value(value: Any) -> Any:
     return value
 
 
-@shown("label", "amplitudes", "rms_errors", "id")
-@dataclass(frozen=True, eq=False)
-class SignatureArrays:
-    """The trajectory of one of many signatures.
-
-    Parameters
-    ----------
-    id : str
-        Of the sequence.
-    label : str
-        Class stated by users; empty if unknown.
-    modes : tuple of str
-        Names of the modes.
-    amplitudes : (frames, modes, n) float64, length unit
-        Three of a mode, or one of normal displacements.
-    angular_frequencies : (modes,) float64, rad per s
-    rms_errors, weighted_rms_errors : (frames,) float64, length unit
-    times : (frames,) float64, s, or None
-    amplitude_deviations : (frames, modes, n) float64, length unit, or None
-        Standard deviation of each amplitude, where it is known.
-    """
-
-    id: str
-    label: str
-    modes: tuple[str, ...]
-    amplitudes: Floats
-    angular_frequencies: Floats
-    rms_errors: Floats
-    weighted_rms_errors: Floats
-    times: Floats | None
-    amplitude_deviations: Floats | None
-
-
-@shown()
-@dataclass(frozen=True)
-class TemplateModes:
-    """Vibration modes of a surface.
-
-    Parameters
-    ----------
-    labels : tuple of str
-    angular_frequencies : (modes,) float64, rad per s
-    shapes : (vertices, modes) float64
-        Each with mean square 1 over the surface.
-    """
-
-    labels: tuple[str, ...]
-    angular_frequencies: Floats
-    shapes: Floats
-
-
-@shown("data", "rms", "max_error", "kg_error", "transform")
-@dataclass(frozen=True)
-class CompressedSequence:
-    """A compressed stream, and its errors as the service measured them after decoding.
-
-    Parameters
-    ----------
-    data : bytes
-    rms, max_error : float, length unit
-        Of the distances of vertices: over all of them and all frames, and the largest.
-    kg_error : float
-        Karni-Gotsman error.
-    bits_per_vertex_and_frame : float
-    transform : str
-    """
-
-    data: bytes = field(repr=False)
-    rms: float
-    max_error: float
-    kg_error: float
-    bits_per_vertex_and_frame: float
-    transform: str
-
-
-def compressed_of(answer: Answer) -> CompressedSequence:
-    """Read a compressed stream and its headers."""
+def compressed_of(answer: Answer) -> Info:
+    """Read a compressed stream as `data`, with its errors as the service measured them."""
     names = ("rms", "max_error", "kg_error", "bits_per_vertex_and_frame")
     with understood("a stream with its measured errors as headers"):
-        return CompressedSequence(
-            data=answer.content,
-            transform=answer.headers["encoded-transform"],
-            **{name: float(answer.headers[f"encoded-{name.replace('_', '-')}"]) for name in names},
-        )
+        stated = {one: float(answer.headers[f"encoded-{one.replace('_', '-')}"]) for one in names}
+        transform = answer.headers["encoded-transform"]
+        return Info({**stated, "transform": transform, "data": answer.content})
 
 
-def template_modes_of(answer: Answer) -> TemplateModes:
-    """Read vibration modes from .npz."""
+def arrays_of(answer: Answer) -> Info:
+    """Read an archive .npz: its arrays by name."""
     with (
-        understood("modes of a template"),
+        understood("an archive of arrays"),
         np.load(io.BytesIO(answer.content), allow_pickle=False) as arrays,
     ):
-        labels = tuple(map(str, arrays["modes"]))
-        return TemplateModes(labels, arrays["angular_frequencies"], arrays["shapes"])
+        return Info(arrays)
 
 
-def pack_of(answer: Answer) -> list[SignatureArrays]:
+def pack_of(answer: Answer) -> list[Info]:
     """Read many signatures from one .npz archive."""
-    arrays = [
-        name for name in SignatureArrays.__annotations__ if name not in ("id", "label", "modes")
-    ]
-    with (
-        understood("an archive of signatures"),
-        np.load(io.BytesIO(answer.content), allow_pickle=False) as pack,
-    ):
+    with understood("an archive of signatures"):
+        pack = arrays_of(answer)
+        known = zip(pack["ids"].tolist(), pack["labels"].tolist(), strict=True)
         return [
-            SignatureArrays(
-                id=str(sequence_id),
-                label=str(pack["labels"][k]),
-                modes=tuple(map(str, pack[f"modes_{k}"])),
-                **{name: pack.get(f"{name}_{k}") for name in arrays},
-            )
-            for k, sequence_id in enumerate(pack["ids"])
+            Info({"id": one, "label": label} | {name: pack.get(f"{name}_{k}") for name in PACKED})
+            for k, (one, label) in enumerate(known)
         ]
 
 

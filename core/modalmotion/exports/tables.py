@@ -16,8 +16,8 @@ from modalmotion.clinical.volume_curve import Fraction
 from modalmotion.errors import needs_extra
 from modalmotion.mesh import facts_as_json
 from modalmotion.representation import csv_text, shown
-from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.template.body_frame import Components
+from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.mode_names import direction_names
 
 if TYPE_CHECKING:
     import pandas
@@ -222,15 +222,6 @@ def _recording_row(one: Recording) -> dict[str, Any]:
         for direction, value in zip(direction_names(signature), values, strict=True):
             row[f"rms {label} {direction}"] = float(value)
     return row
-
-
-def direction_names(signature: ModalSignature) -> tuple[str, ...]:
-    """Name the directions of a signature's amplitudes."""
-    if signature.kind == SignatureKind.NORMAL_DISPLACEMENT:
-        return ("normal",)
-    if signature.parameters.components == Components.CARTESIAN:
-        return ("x", "y", "z")
-    return ("radial", "tangential", "axial")
 
 
 def _cell(value: Any) -> Any:

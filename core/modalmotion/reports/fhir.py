@@ -11,7 +11,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from modalmotion.clinical import ClinicalReadouts
-from modalmotion.exports.tables import direction_names
 from modalmotion.norm import Deviation
 from modalmotion.reports.content import (
     ABSENT,
@@ -27,6 +26,7 @@ from modalmotion.reports.content import (
     quantities_of,
 )
 from modalmotion.representation import Floats, probability
+from modalmotion.signature.mode_names import direction_names
 
 _DECIMALS: Final = 17
 

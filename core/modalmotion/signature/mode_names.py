@@ -1,4 +1,4 @@
-"""Plain names of modes, and a colour and a dash for each."""
+"""Plain names of modes and their directions, and a colour and a dash for each."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from modalmotion.modes.topology import (
     Topology,
 )
 from modalmotion.representation import counted
+from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template.body_frame import Components
 
 # Distinct for colour-blind readers too (Okabe and Ito, Color Universal Design, 2008).
@@ -50,6 +51,15 @@ def mode_dash(label: ModeLabel) -> tuple[float, ...]:
     """Give the dash of a mode: with its colour it is that of no other among 36."""
     tone = mode_tone(label)
     return DASHES[(tone + tone // len(COLOURS)) % len(DASHES)]
+
+
+def direction_names(signature: ModalSignature) -> tuple[str, ...]:
+    """Name the directions of a signature's amplitudes."""
+    if signature.kind == SignatureKind.NORMAL_DISPLACEMENT:
+        return ("normal",)
+    if signature.parameters.components == Components.CARTESIAN:
+        return ("x", "y", "z")
+    return ("radial", "tangential", "axial")
 
 
 _Names = dict[tuple[int, ...], str]

@@ -365,8 +365,8 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         return path
 
     def _result_path(self, name: ResultName) -> Path:
-        record = self.sequence_record(name.sequence_id)
         if not _is_name(name) or self._open_index().digest(name) is None:
+            record = self.sequence_record(name.sequence_id)
             raise NotFoundError(
                 f"Sequence {record.id[:12]} has no {name.kind} of that name.",
                 remedy=f"Ask for one that is listed, or make the {name.kind} first.",

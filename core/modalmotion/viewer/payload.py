@@ -17,6 +17,7 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.rates import Rates
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion
+from modalmotion.clinical.sensitivity import Sensitivities
 from modalmotion.clinical.strain import DEFINITIONS, DYSSYNCHRONY, Strain
 from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS, Fraction
@@ -30,7 +31,13 @@ from modalmotion.numeric.scales import power_of_two
 from modalmotion.pictures.view import upright
 from modalmotion.representation import Floats
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.mode_names import COLOURS, mode_dash, mode_tone, plain_name
+from modalmotion.signature.mode_names import (
+    COLOURS,
+    direction_names,
+    mode_dash,
+    mode_tone,
+    plain_name,
+)
 from modalmotion.signature.reconstruction import fitted_on
 from modalmotion.signature.superposition import normal_reference
 from modalmotion.template import Template
@@ -48,6 +55,9 @@ _UNKNOWN: Final = -1e9
 # A first frame this near after the last, in usual steps, closes a cycle; nearer repeats it.
 _CLOSES: Final = 2.0
 _REPEATS: Final = 0.3
+
+# Of the largest effect of any mode on a read-out: what is less is rounding.
+_NO_EFFECT: Final = 1e-6
 
 # Numbers of the shapes of a mesh without natural coordinates that a page is sent at most.
 MOST_SHAPES: Final = 20_000_000
@@ -233,12 +243,8 @@ def _mesh_shapes(signature: ModalSignature, template: Template) -> NDArray[np.fl
 def _waves(signature: ModalSignature, template: Template) -> list[dict[str, Any]]:
     """Modes by waves, a cosine with its sine, each with its words."""
     spectrum, labels = signature.deformation_spectrum, signature.modes.labels
-    pairs = zip(*map(np.ndarray.tolist, wave_pairs(signature.modes)), strict=True)
-    waves = [[cosine] if sine < 0 else [cosine, sine] for cosine, sine in pairs]
-    seen = {mode for modes in waves for mode in modes}
-    waves += [[mode] for mode in range(len(labels)) if mode not in seen]
     entries = []
-    for modes in waves:
+    for modes in _modes_of_waves(signature):
         label = labels[modes[0]]
         numbers = ", ".join(map(str, label.wavenumbers))
         entries.append(
@@ -252,6 +258,14 @@ def _waves(signature: ModalSignature, template: Template) -> list[dict[str, Any]
             }
         )
     return entries
+
+
+def _modes_of_waves(signature: ModalSignature) -> list[list[int]]:
+    """Places of the modes of each wave."""
+    pairs = zip(*map(np.ndarray.tolist, wave_pairs(signature.modes)), strict=True)
+    waves = [[cosine] if sine < 0 else [cosine, sine] for cosine, sine in pairs]
+    seen = {mode for modes in waves for mode in modes}
+    return waves + [[mode] for mode in range(len(signature.modes)) if mode not in seen]
 
 
 def _cycle(signature: ModalSignature, period: float | None) -> str:
@@ -272,7 +286,7 @@ def _volume(
     arrays: dict[str, NDArray[Any]],
 ) -> dict[str, Any]:
     """Volume, strain and segments, or why there are none."""
-    words: dict[str, Any] = {"rates": [], "reasons": []}
+    words: dict[str, Any] = {"rates": [], "reasons": [], "effects": None}
     try:
         readouts = clinical_readouts(signature, sequence, template=template)
     except InputError as error:
@@ -281,12 +295,38 @@ def _volume(
     ventricle = ventricle_readouts(signature, sequence, readouts, template=template)
     refused = {"refused": " ".join(ventricle.reasons)}
     rates, regions, strain = ventricle.rates, ventricle.regions, ventricle.strain
+    volume, per_mode = _volume_words(readouts, arrays), ventricle.per_mode
+    shares = [volume["share"]] if "share" in volume else []
+    names = [one["name"] for one in (*volume["figures"][:2], *shares)]
     return {
-        "volume": _volume_words(readouts, arrays),
+        "volume": volume,
+        "effects": None if per_mode is None else _effect_words(per_mode, names, signature),
         "rates": [] if rates is None else _rate_words(rates, readouts, sequence),
         "strain": refused if strain is None else _strain_words(strain, sequence, arrays),
         "reasons": list(ventricle.reasons),
         "segments": refused if regions is None else _segment_words(regions, strain, readouts),
+    }
+
+
+def _effect_words(
+    per_mode: Sensitivities, names: list[str], signature: ModalSignature
+) -> dict[str, Any]:
+    """Effect of a unit of each wave on each read-out, in the direction in which it is largest."""
+    directions, of_waves = direction_names(signature), []
+    least = _NO_EFFECT * np.abs(per_mode.values).max(axis=(1, 2))
+    for modes in _modes_of_waves(signature):
+        # In the order of `directions`, those of the cosine first.
+        own = per_mode.values[:, modes].reshape(len(per_mode.names), -1)
+        ways = np.abs(own).argmax(axis=1)
+        values = own[np.arange(len(own)), ways]
+        seen = np.where(np.abs(values) > least, values, 0.0).tolist()
+        of_waves.append([[float(f"{x:.3g}") for x in seen], ways.tolist()])
+    return {
+        "step": f"1 {signature.unit or 'length unit'}",
+        "names": [*names, *per_mode.names[len(names) :]],
+        "units": list(per_mode.units),
+        "directions": [f"{way}{part}" for part in (", cosine", ", sine") for way in directions],
+        "waves": of_waves,
     }
 
 
@@ -441,8 +481,9 @@ def _classification(answer: Classification | None) -> dict[str, Any]:
     if answer is None:
         return {"classification": None}
     plain = ("model", "label", "probability", "coverage")
+    of_part = ("score", "amplitude", "per_unit", "unit")
     parts = [
-        {"modes": list(part.modes), "score": part.score, "amplitude": part.amplitude}
+        {"modes": list(part.modes), **{name: getattr(part, name) for name in of_part}}
         for part in answer.explanation[:8]
     ]
     return {

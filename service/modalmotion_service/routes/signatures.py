@@ -37,7 +37,7 @@ from modalmotion_service.work.tasks import signatures
 from modalmotion_service.workspace import model_operations as of_models
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace import signature_operations as operations
-from modalmotion_service.workspace.analysis import USUAL
+from modalmotion_service.workspace.analysis import USUAL, with_facts
 from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.operation import Operation, Request
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES, SURFACES
@@ -353,6 +353,14 @@ async def _shown(
     if query is not None:
         request = replace(request, query=query)
     tag = (sequence_id, named, json.dumps(facts_as_json(facts)), also)
+    if what is operations.signature_view and kind == JSON and own and asked.wait != 0:
+        # It is there as text: two tasks and a thread would take longer than the answer.
+        etag = asked.tagged(*tag, request.query.model_dump_json(), kind)
+        headers = {"ETag": etag, "Vary": "Accept"}
+        if (known := asked.knows(etag)) is not None:
+            return known
+        if (text := asked.store.rendered_signature(sequence_id, own)) is not None:
+            return Response(with_facts(text, facts), 200, headers, JSON)
     return await asked.do(what, request, tag=tag)
 
 

@@ -5,38 +5,33 @@ never unpickled. The reader knows of what type an answer must be (the task's own
 so), and pydantic makes nothing else of it: plain values, byte strings, and the dataclasses, models
 and enumerations that the type names. An error is the name of a class of ours and its data.
 
-The form: the length of a JSON text (8 bytes, little-endian), the text, then all byte strings, which
-the text refers to by their place and length.
+The form: a sign that tells results from errors, then JSON as pydantic writes it, byte strings as
+base64.
 """
 
 from __future__ import annotations
 
-import json
 import types
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
-from enum import Enum
-from functools import lru_cache, partial
-from pathlib import Path
+from functools import lru_cache
 from typing import Any, Final, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, TypeAdapter
+from pydantic import ConfigDict, TypeAdapter
+from pydantic_core import PydanticSerializationError, from_json, to_json
 
 from modalmotion import errors as core_errors
 from modalmotion.errors import ModalMotionError
 from modalmotion_service import errors as service_errors
 
-_PREFIX: Final = 8
+_RESULT: Final = b"="
+_ERROR: Final = b"!"
 
 # Attributes that every error of ours has.
 _OF_ERRORS: Final = ("message", "remedy", "frame", "vertex", "limit", "details")
 
 # Errors of Python that mean something to whoever asked; all others are faults of ours.
 _PLAIN: Final = (MemoryError, RecursionError)
-
-# In place of byte strings; nothing else is called so.
-_BYTES: Final = "\0bytes"
 
 
 class AnswerError(Exception):
@@ -63,26 +58,28 @@ def to_bytes(value: object) -> bytes:
     AnswerError
         If it holds what has no form here.
     """
-    return _joined(result=value)
+    try:
+        text = to_json([value], bytes_mode="base64", inf_nan_mode="constants", fallback=_plain)
+    except PydanticSerializationError as error:
+        raise AnswerError(f"{type(value).__name__} has no form here") from error
+    return _RESULT + text
 
 
 def error_to_bytes(error: BaseException) -> bytes:
     """Write an error: its class and data if it is one of ours, else its traceback."""
     if isinstance(error, ModalMotionError):
         state = {name: getattr(error, name) for name in _OF_ERRORS}
-        state["details"] = json.loads(json.dumps(state["details"], default=str))
-        return _joined(error=type(error).__name__, state=state)
+        return _written(type(error).__name__, **state)
     if isinstance(error, OSError):
         file = None if error.filename is None else str(error.filename)
-        state = {"errno": error.errno, "text": error.strerror, "file": file}
-        return _joined(error="OSError", state=state)
+        return _written("OSError", errno=error.errno, text=error.strerror, file=file)
     if isinstance(error, _PLAIN):
-        return _joined(error=type(error).__name__, state={"text": str(error)[:1000]})
+        return _written(type(error).__name__, text=str(error)[:1000])
     # Here, for a worker whose memory is full can import little.
     import traceback
 
     text = "".join(traceback.format_exception(error))[-20_000:]
-    return _joined(error="TaskError", state={"text": text})
+    return _written("TaskError", text=text)
 
 
 def from_bytes(data: bytes, expected: object) -> Any:
@@ -102,22 +99,11 @@ def from_bytes(data: bytes, expected: object) -> Any:
         The error of the task.
     """
     try:
-        length = int.from_bytes(data[:_PREFIX], "little")
-        body = memoryview(data)[_PREFIX + length :]
-        head = json.loads(data[_PREFIX : _PREFIX + length], object_hook=partial(_placed, body))
-        if "error" not in head:
-            return _reader(expected).validate_python([head["result"]])[0]
-        error = _read_error(str(head["error"]), dict(head["state"]))
-    except AnswerError:
-        raise
-    except (
-        ValueError,
-        TypeError,
-        LookupError,
-        AttributeError,
-        RecursionError,
-        OverflowError,
-    ) as fault:
+        if data[:1] != _ERROR:
+            return _reader(expected).validate_json(data.removeprefix(_RESULT))[0]
+        name, state = from_json(data[1:])
+        error = _read_error(str(name), dict(state))
+    except Exception as fault:  # whatever a stranger's bytes lead to
         raise AnswerError(f"a worker's answer cannot be read: {type(fault).__name__}") from fault
     raise error
 
@@ -134,46 +120,24 @@ def result_type(function: Callable[..., Any]) -> object:
         return Any
 
 
-def _joined(**head: object) -> bytes:
-    pieces: list[bytes] = []
+def _plain(value: object) -> object:
+    """Give what JSON has a form for."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise ValueError
 
-    def plain(value: object) -> object:
-        """Give what JSON has a form for."""
-        if isinstance(value, bytes):
-            pieces.append(value)
-            return {_BYTES: [sum(map(len, pieces[:-1])), len(value)]}
-        if isinstance(value, Enum):
-            return value.value
-        if isinstance(value, Path):
-            return str(value)
-        if isinstance(value, np.generic):
-            return value.item()
-        if isinstance(value, BaseModel):
-            return value.model_dump(mode="json")
-        if is_dataclass(value) and not isinstance(value, type):
-            return {field.name: getattr(value, field.name) for field in fields(value) if field.init}
-        if isinstance(value, Mapping):
-            return dict(value)
-        raise AnswerError(f"{type(value).__name__} has no form here")
 
-    text = json.dumps(head, default=plain).encode()
-    return b"".join((len(text).to_bytes(_PREFIX, "little"), text, *pieces))
+def _written(name: str, **state: object) -> bytes:
+    return _ERROR + to_json([name, state], inf_nan_mode="constants", fallback=str)
 
 
 @lru_cache(maxsize=256)
 def _reader(expected: Any) -> TypeAdapter[Any]:
     # In a tuple, for what has a configuration of its own takes none.
-    return TypeAdapter(tuple[expected], config=ConfigDict(arbitrary_types_allowed=True))
-
-
-def _placed(body: memoryview, tree: dict[str, Any]) -> Any:
-    """Put a byte string where the text refers to it."""
-    if _BYTES not in tree:
-        return tree
-    place, size = (int(n) for n in tree[_BYTES])
-    if not 0 <= place <= place + size <= len(body):
-        raise AnswerError("a piece of a worker's answer is not in it")
-    return bytes(body[place : place + size])
+    config = ConfigDict(arbitrary_types_allowed=True, val_json_bytes="base64")
+    return TypeAdapter(tuple[expected], config=config)
 
 
 def _read_error(name: str, state: dict[str, Any]) -> BaseException:

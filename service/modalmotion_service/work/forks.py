@@ -12,6 +12,7 @@ still wants the task.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import gc
 import json
@@ -137,10 +138,15 @@ class Forks:
             self._control = ours
         return self._control
 
-    def _end(self) -> None:
+    def close(self) -> None:
+        """Close the way to it, after which it ends."""
         if self._control is not None:
             self._control.close()
             self._control = None
+
+    def _end(self) -> None:
+        if self._control is not None:
+            self.close()
             with contextlib.suppress(OSError):
                 os.kill(self.pid, signal.SIGKILL)
                 os.waitpid(self.pid, 0)
@@ -149,6 +155,8 @@ class Forks:
 
 FORKS: Final = Forks()
 """That of this process."""
+
+atexit.register(FORKS.close)
 
 
 def take_one_thread() -> None:

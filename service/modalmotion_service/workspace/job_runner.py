@@ -14,6 +14,7 @@ import logging
 import math
 import random
 import sqlite3
+import time
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -40,6 +41,8 @@ _LAST_SECONDS: Final = 5.0
 
 # What fails in the background is tried again no later than this.
 _AGAIN_SECONDS: Final = 60.0
+# After which a file in the spool that no job needs is nobody's.
+_LEFT_SECONDS: Final = 86_400.0
 
 
 def passes(error: BaseException) -> bool:
@@ -138,6 +141,8 @@ class Retention:
         self.jobs.forget_before(past)
         self.keys.forget_before(past)
         forget_tombstones(self.root)
+        # What a cancelled task on another machine has written since.
+        self.spool.clear(self.needed(), time.time() - _LEFT_SECONDS)
         return len(present)
 
     def _is_old(self, job: Job) -> bool:

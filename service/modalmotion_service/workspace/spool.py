@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import errno
 import hashlib
+import math
 import os
 import secrets
 import time
@@ -260,8 +261,9 @@ class Spool:
         """
         remove_durably(self.at(name))
 
-    def clear(self, keep: set[str]) -> None:
-        """Remove what an ended process left, but for files that jobs still need."""
+    def clear(self, keep: set[str], before: float = math.inf) -> None:
+        """Remove what an ended process left, but for files that jobs still need, or newer ones."""
         for path in self.folder.iterdir():
-            if path.name.split(".")[0] not in keep:
-                path.unlink(missing_ok=True)
+            with contextlib.suppress(FileNotFoundError):
+                if path.name.split(".")[0] not in keep and path.stat().st_mtime < before:
+                    path.unlink()

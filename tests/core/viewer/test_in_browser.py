@@ -344,9 +344,14 @@ def test_reasons_of_the_class_set_the_modes_and_a_narrow_page_has_all(
         assert "object" not in page.locator(".class").text_content()
         page.get_by_text("What moved the answer").click()
         reason = page.locator(".reasons button:not(:disabled)").first
+        assert re.search(r"[+\u2212]\d[\d.]* per mm$", reason.text_content())
         reason.click()
         gains = page.evaluate("Array.from(modalmotion.gains[0])")
         assert 0 < sum(gains) < len(gains)
+        axial = page.locator(".modes li", has_text="(1, 0, cos)")
+        axial.get_by_text("1 mm adds").click()
+        effects = axial.locator("tr").all_text_contents()
+        assert [row for row in effects if re.match(r"GLS\u2212[23]\.\d\d pointsz$", row)], effects
         wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
         assert wide <= 0
         assert (

@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation
 from viewed_surfaces import VIEWED, viewed
 
 from modalmotion.classification import classify
+from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical.sensitivity import sensitivities
 from modalmotion.clinical.strain import strain
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.mesh import Facts, lattice_faces
@@ -21,7 +23,7 @@ from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import CUP, Topology
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
-from modalmotion.simulate import simulate_ventricle
+from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template.body_frame import from_local
 from modalmotion.viewer import payload
 from modalmotion.viewer.container import read_container
@@ -134,12 +136,36 @@ def test_the_header_speaks_plain_words() -> None:
     assert "medical device" in header["intended_use"]
 
 
+def test_each_mode_has_its_largest_effect_on_each_read_out() -> None:
+    beat = simulate_ventricle(grid=(12, 24), acquisition=Acquisition(n_frames=12))
+    signature = modal_signature(beat)
+    answer = classify(beat)
+    header, _ = read_container(view_payload(signature, beat, classification=answer))
+    per_mode = sensitivities(signature, beat, clinical_readouts(signature, beat))
+    effects = header["effects"]
+    assert effects["step"] == "1 mm"
+    assert not any(effects["waves"][0][0])  # a translation changes nothing
+    assert effects["names"] == ["EDV", "ESV", "ejection fraction", "GLS", "GCS", "GAS", "SDI"]
+    assert effects["units"] == list(per_mode.units)
+    gls = effects["names"].index("GLS")
+    values, ways = effects["waves"][1]
+    assert effects["directions"][ways[gls]] == "z, cosine"
+    assert values[gls] == pytest.approx(per_mode.values[gls, 1, 2], rel=0.01)
+    assert header["waves"][2]["modes"] == [2, 3]
+    values, ways = effects["waves"][2]
+    assert abs(values[gls]) == pytest.approx(np.abs(per_mode.values[gls, 2:4]).max(), rel=0.01)
+    assert len(effects["waves"]) == len(header["waves"])
+    first = header["classification"]["explanation"][0]
+    assert (first["per_unit"], first["unit"]) == (answer.explanation[0].per_unit, "mm")
+
+
 def test_refused_read_outs_and_unknown_units_are_words() -> None:
     sequence, signature = viewed("plane")
     header, arrays = read_container(view_payload(replace(signature, unit=None), sequence))
     assert "plane" in header["volume"]["refused"]
     assert "volumes" not in arrays
     assert header["unit"] == "length units"
+    assert header["effects"] is None
     assert header["classification"] is None
 
 

@@ -4,6 +4,8 @@ import os
 import re
 import signal
 import socket
+import subprocess
+import sys
 from multiprocessing import util
 from pathlib import Path
 
@@ -34,6 +36,13 @@ def test_it_is_begun_once() -> None:
     pid = FORKS.pid
     FORKS._begun()
     assert pid == FORKS.pid
+
+
+def test_nothing_is_open_when_its_process_ends() -> None:
+    program = "from modalmotion_service.work.forks import FORKS; FORKS._begun()"
+    words = [sys.executable, "-W", "always", "-c", program]
+    ended = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert ended.stderr == ""
 
 
 def test_workers_take_one_thread_each_unless_the_environment_says_otherwise(

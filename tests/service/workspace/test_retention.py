@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -58,6 +59,18 @@ def test_only_files_whose_time_has_passed_are_removed(
         assert retention.sweep() == 0
         assert keeping(store, spool, 3600.0).needed() == {"old", "new", "upload"}
         assert not jobs.get(upload.id).is_finished
+
+
+def test_what_nobody_needs_goes_after_a_day(tmp_path: Path) -> None:
+    """A cancelled task on another machine wrote its file when it had been removed already."""
+    with ResultStore(tmp_path) as store:
+        spool = Spool(tmp_path / "spool")
+        Jobs(store.database).create("upload", {"file": "upload"})
+        for name in ("upload", "left", "left.abc", "new"):
+            spool.at(name).write_text("bytes")
+            os.utime(spool.at(name), None if name == "new" else (time.time() - 90_000,) * 2)
+        keeping(store, spool, 3600.0).sweep()
+        assert {path.name for path in spool.folder.iterdir()} == {"upload", "new"}
 
 
 def test_the_results_of_all_jobs_are_kept(tmp_path: Path) -> None:
