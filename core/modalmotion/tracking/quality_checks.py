@@ -163,8 +163,8 @@ def end_notes(
     if taken:
         notes.append(
             f"The base is not stated in {_frames(taken)} of {result.n_frames}: it was assumed "
-            "where the data end (for slices, between the last one with a contour and the next). "
-            "Give it if it is elsewhere."
+            "where the data end (for slices, between the last one with a contour and the next, as "
+            "the volume ejected has it). Give it if it is elsewhere."
         )
     if missing and result.n_frames > 1:
         notes.append(
