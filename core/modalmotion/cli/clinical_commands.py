@@ -31,6 +31,7 @@ from modalmotion.clinical import VolumeCurve, clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_json, ventricle_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.notes import Note
 from modalmotion.pictures.readouts import bulls_eye_figure, most_moved, volume_figure
 from modalmotion.representation import counted, numeral
 from modalmotion.signature.mode_names import direction_names
@@ -164,11 +165,7 @@ def score(truth: Path, answer: Path) -> Any:
         if answer.suffix.lower() == ".npz":
             deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
     result = asdict(scored(read(truth), estimated, deviations))
-    note = (
-        f"Published end-point errors are {PUBLISHED} mm, of other recordings and landmarks; "
-        "distances along the normal do not see motion within the surface and are smaller."
-    )
-    return result, described({**result, "notes": [note]})
+    return result, described({**result, "notes": [Note.of("published_errors", mm=PUBLISHED)]})
 
 
 @click.group()
@@ -258,4 +255,4 @@ def ask(
         "deviations": [{"path": name, **answer.as_json()} for name, answer in answers],
         "left_out": notes,
     }
-    return found, [*lines, *notes]
+    return found, [*lines, *map(str, notes)]

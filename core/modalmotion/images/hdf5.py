@@ -13,9 +13,10 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Contents, Dataset, json_text, write_sealed
 from modalmotion.images.sequence import Image, ImageSequence, parts_of
 from modalmotion.images.volume import Plane, PlaneSet, Volume
+from modalmotion.notes import notes_as_json, notes_from_json
 from modalmotion.representation import Floats
 
-FORM: Final = Form("images", 1)
+FORM: Final = Form("images", 2)
 
 
 class _Part(NamedTuple):
@@ -56,7 +57,7 @@ def write_images(path: Path, images: ImageSequence) -> None:
         Dataset("affines", np.stack(affines), "mm", "part, direction, axis and origin"),
         Dataset("thicknesses", np.array(thicknesses), "mm", "part"),
         json_text("about", {"n_frames": images.n_frames, "period": images.period}),
-        json_text("notes", images.notes),
+        json_text("notes", notes_as_json(images.notes)),
     ]
     if images.times is not None:
         datasets.append(Dataset("times", images.times, "s", "frame"))
@@ -95,7 +96,7 @@ def _images_in(contents: Contents) -> ImageSequence:
         tuple(map(_frame, parts)),
         None if times is None else np.array(times),
         about["period"],
-        tuple(contents.json("notes", list)),
+        notes_from_json(contents.json("notes", list)),
     )
 
 
