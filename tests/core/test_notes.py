@@ -26,7 +26,8 @@ def test_each_note_gives_the_data_that_its_words_name() -> None:
         code, given = call.args[0], {keyword.arg for keyword in call.keywords}
         # Those of a table of checks are given theirs by code.
         if isinstance(code, ast.Constant):
-            named = {field for _, field, _, _ in Formatter().parse(WORDS[code.value]) if field}
+            words = WORDS[str(code.value)]
+            named = {field for _, field, _, _ in Formatter().parse(words) if field}
             assert given == named, (name, code.value)
 
 
@@ -39,7 +40,9 @@ def test_every_wording_is_used() -> None:
 
 
 def test_json_and_back() -> None:
-    notes = mm.modal_signature(mm.simulate_ventricle(), deviations=True).notes
+    notes = mm.modal_signature(
+        mm.simulate_ventricle(), mm.SignatureParameters(modes=7, deviations=True)
+    ).notes
     assert len(notes) > 1
     assert notes_from_json(json.loads(json.dumps(notes_as_json(notes)))) == notes
 

@@ -22,15 +22,13 @@ from modalmotion.cli.options import (
     described,
     fit_options,
     labelled_sources,
-    members,
     write_picture,
 )
 from modalmotion.cli.report_commands import quantity_lines
 from modalmotion.cli.track_commands import fitted_recording, tracking_options
-from modalmotion.clinical import VolumeCurve, clinical_readouts
-from modalmotion.clinical.ventricle import ventricle_json, ventricle_readouts
+from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical.ventricle import readouts_json, ventricle_readouts
 from modalmotion.errors import TopologyError
-from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.notes import Note
 from modalmotion.pictures.readouts import bulls_eye_figure, most_moved, volume_figure
 from modalmotion.representation import counted, numeral
@@ -74,16 +72,8 @@ def readouts(source: Path, plot: OnlyPlot = None, bulls_eye: Plot = None, **opti
                 remedy="Leave --bulls-eye out: segments are those of a cup, a ventricle's wall.",
             )
         write_picture(bulls_eye_figure(ventricle.regions), bulls_eye)
-    answer = {
-        **members(result, "sequence_id", "n_amplitudes as amplitudes_per_frame", "n_openings"),
-        **members(result, "volume_unit", "times", "notes"),
-        "from_signature": _curve(result.curve, result.shown_in),
-        "of_mesh": _curve(result.mesh_curve, result.shown_in),
-        "intended_use": INTENDED_USE,
-        **ventricle_json(ventricle),
-    }
     found = Report(signature, sequence, result, ventricle, None, None, datetime.now(UTC), ())
-    return answer, _lines(found)
+    return readouts_json(result, ventricle), _lines(found)
 
 
 def _lines(report: Report) -> Iterator[str]:
@@ -129,17 +119,6 @@ def _lines(report: Report) -> Iterator[str]:
         key = f"inward motion over the radius at end diastole, frame {frame}, %"
         said[key] = {name: f"{share:.1f}" for name, share in shares}
     yield from described({**said, "notes": (*readouts.notes, *ventricle.reasons)})
-
-
-def _curve(curve: VolumeCurve, factor: float) -> dict[str, object]:
-    volumes = ("end_diastolic_volume", "end_systolic_volume", "stroke_volume")
-    return {
-        "volumes": (curve.volumes * factor).tolist(),
-        "bounds": (curve.bounds * factor).tolist(),
-        **{name: getattr(curve, name) * factor for name in volumes},
-        **members(curve, "end_diastole", "end_systole", "ejection_fraction"),
-        **members(curve, "volume_change", "share_range"),
-    }
 
 
 @command("score truth.npz answer.h5")

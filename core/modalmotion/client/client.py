@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from modalmotion.client.bodies import Option, Source, body_of, json_body, segment
-from modalmotion.client.calls import Job, awaited, call, parted, posted, status_of
+from modalmotion.client.calls import Job, call, parted, posted, status_of
 from modalmotion.client.connection import JSON, Answer, Call
 from modalmotion.client.errors import RemoteError, UnreachableError
 from modalmotion.client.recordings import Recording, Recordings, track_call
@@ -20,7 +20,6 @@ from modalmotion.client.values import (
     ZIP,
     Info,
     form_of,
-    info_of,
 )
 from modalmotion.errors import StoreError
 from modalmotion.progress import Progress
@@ -120,6 +119,7 @@ class Client(Recordings):
 
     # Classes and models.
 
+    @call("POST /v1/signatures/{sequence_id}/classifications")
     def classify(self, sequence_id: str, **options: Option) -> Info:
         """Ask a model for the class of a stored sequence's motion.
 
@@ -129,12 +129,6 @@ class Client(Recordings):
         **options
             model, the shipped one by default; coverage.
         """
-        path = f"/v1/signatures/{segment(sequence_id)}/classifications"
-        asked = posted(path, options)
-        # A job's result is the list of all models' answers: of what is kept this one's is asked.
-        while (answer := self._send(asked)).status == 202:
-            awaited(self, answer, _content, asked.accept)
-        return info_of(answer)
 
     @call("POST /v1/classify")
     def classify_of(

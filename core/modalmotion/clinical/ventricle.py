@@ -15,8 +15,10 @@ from modalmotion.clinical.segments import RegionalMotion, regional_motion
 from modalmotion.clinical.sensitivity import Sensitivities, sensitivities
 from modalmotion.clinical.strain import DEFINITIONS, Strain, wall_strain
 from modalmotion.clinical.torsion import Torsion, torsion
+from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
 from modalmotion.clinical.wall_motion import DIRECTIONS
 from modalmotion.errors import InputError
+from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.notes import Note, notes_as_json
 from modalmotion.representation import Floats, shown
@@ -94,6 +96,48 @@ def ventricle_readouts(
         per_mode=attempt(lambda: sensitivities(signature, sequence, readouts, template=template)),
         reasons=tuple(dict.fromkeys(reasons)),
     )
+
+
+def readouts_json(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> dict[str, Any]:
+    """Write all read-outs, each number with its interval; volumes in `volume_unit`."""
+    return {
+        "sequence_id": readouts.sequence_id,
+        "template_id": readouts.template_id,
+        "amplitudes_per_frame": readouts.n_amplitudes,
+        "volume_unit": readouts.volume_unit,
+        "times": None if readouts.times is None else readouts.times.tolist(),
+        "n_openings": readouts.n_openings,
+        "from_signature": volumes_json(readouts.curve, readouts.shown_in),
+        "of_mesh": volumes_json(readouts.mesh_curve, readouts.shown_in),
+        **ventricle_json(ventricle),
+        "notes": [*readouts.notes, *ventricle.reasons],
+        "intended_use": INTENDED_USE,
+    }
+
+
+def volumes_json(curve: VolumeCurve, factor: float) -> dict[str, Any]:
+    """Write volumes over time in another unit, and their read-outs."""
+
+    def figure(value: float, interval: tuple[float, float], factor: float) -> dict[str, float]:
+        low, high = interval
+        return {"value": factor * value, "low": factor * low, "high": factor * high}
+
+    share = None
+    if curve.share is not None and curve.share_range is not None:
+        share = figure(curve.share, curve.share_range, 1.0)
+    is_ejected = curve.fraction == Fraction.EJECTION_FRACTION
+    large, small = curve.end_diastolic_volume, curve.end_systolic_volume
+    return {
+        "volumes": (curve.volumes * factor).tolist(),
+        "bounds": (curve.bounds * factor).tolist(),
+        "end_diastole": curve.end_diastole,
+        "end_systole": curve.end_systole,
+        "end_diastolic_volume": figure(large, curve.end_diastolic_range, factor),
+        "end_systolic_volume": figure(small, curve.end_systolic_range, factor),
+        "stroke_volume": figure(curve.stroke_volume, curve.stroke_range, factor),
+        "ejection_fraction": share if is_ejected else None,
+        "volume_change": None if is_ejected else share,
+    }
 
 
 def ventricle_json(ventricle: VentricleReadouts) -> dict[str, Any]:

@@ -118,21 +118,6 @@ def _tupled(value: Any) -> Any:
     return tuple(map(_tupled, value)) if isinstance(value, list) else value
 
 
-@dataclass(frozen=True)
-class ImagesPage:
-    """Part of a list of images.
-
-    Parameters
-    ----------
-    records : tuple of ImagesRecord
-    cursor : str or None
-        For the next page; None on the last.
-    """
-
-    records: tuple[ImagesRecord, ...]
-    cursor: str | None
-
-
 class ImageStore(SequenceStore):
     """A store of sequences that contains images too.
 
@@ -224,8 +209,10 @@ class ImageStore(SequenceStore):
             raise lost_file(f"The file of images {images_id[:12]}", "Send the images again")
         return path
 
-    def list_images(self, *, limit: int = 100, cursor: str | None = None) -> ImagesPage:
-        """List images from the newest to the oldest.
+    def list_images(
+        self, *, limit: int = 100, cursor: str | None = None
+    ) -> tuple[tuple[ImagesRecord, ...], str | None]:
+        """List images from the newest to the oldest; gives a page, and the cursor of the next.
 
         Parameters
         ----------
@@ -245,7 +232,7 @@ class ImageStore(SequenceStore):
         older.sort(key=lambda one: (one.created, one.id), reverse=True)
         page = older[:limit]
         more = to_cursor(page[-1].created, page[-1].id) if len(older) > limit else None
-        return ImagesPage(tuple(page), more)
+        return tuple(page), more
 
     def untracked_images(self, before: str) -> tuple[str, ...]:
         """List images that came before a time (UTC, ISO 8601), and that nobody keeps."""

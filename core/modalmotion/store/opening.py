@@ -193,12 +193,7 @@ class Opening:
         **ids: str,
     ) -> T:
         """Read what `locate` finds in the index, and check its ids."""
-        path = locate()
-        try:
-            value, contents = reader(path)
-        except NotFoundError:
-            path = self._present(locate, sequence_id)
-            value, contents = reader(path)
+        value, contents = reader(path := self._present(locate, sequence_id))
         require_match(path, contents, sequence_id=sequence_id, **ids)
         return value
 

@@ -44,10 +44,8 @@ async def upload_images(
 @router.get("/images", tags=["images"])
 def list_images(query: Annotated[Paging, Query()], asked: AskedNow) -> ImagesPageAnswer:
     """List images from the newest to the oldest, a page at a time."""
-    page = asked.store.list_images(**query.model_dump())
-    return ImagesPageAnswer(
-        images=[ImagesSummary.of(record) for record in page.records], cursor=page.cursor
-    )
+    page, cursor = asked.store.list_images(**query.model_dump())
+    return ImagesPageAnswer(images=[ImagesSummary.of(record) for record in page], cursor=cursor)
 
 
 @router.get("/images/{images_id}", tags=["images"], **answers(JSON, VIEW, of=ImagesSummary))

@@ -6,11 +6,11 @@ from pydantic import Field
 
 from modalmotion.classification import FLAGS, Classification
 from modalmotion.classification.answer import ModeContribution
-from modalmotion.clinical import ClinicalReadouts, Fraction, VolumeCurve
+from modalmotion.clinical import ClinicalReadouts
 from modalmotion.clinical.rates import Rates
 from modalmotion.clinical.sensitivity import Sensitivities
 from modalmotion.clinical.torsion import Torsion
-from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_json
+from modalmotion.clinical.ventricle import VentricleReadouts, readouts_json
 from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.notes import Note
@@ -133,12 +133,6 @@ class FigureAnswer(Answer):
     low: float
     high: float
 
-    @staticmethod
-    def of(value: float, interval: tuple[float, float], factor: float = 1.0) -> FigureAnswer:
-        """Write a figure out in another unit."""
-        low, high = (end * factor for end in interval)
-        return FigureAnswer(value=value * factor, low=low, high=high)
-
 
 class VolumeAnswer(Answer):
     """Volume over time, and its read-outs."""
@@ -159,29 +153,6 @@ class VolumeAnswer(Answer):
     a cup. Null elsewhere, of one frame, and where a volume is not positive."""
     volume_change: FigureAnswer | None
     """The same share where the surface is not stated to be that of a cavity."""
-
-    @staticmethod
-    def of(curve: VolumeCurve, factor: float) -> VolumeAnswer:
-        """Write a curve out in another unit."""
-        share = None
-        if curve.share is not None and curve.share_range is not None:
-            share = FigureAnswer.of(curve.share, curve.share_range)
-        is_ejected = curve.fraction == Fraction.EJECTION_FRACTION
-        return read_from(
-            VolumeAnswer,
-            curve,
-            volumes=(curve.volumes * factor).tolist(),
-            bounds=(curve.bounds * factor).tolist(),
-            end_diastolic_volume=FigureAnswer.of(
-                curve.end_diastolic_volume, curve.end_diastolic_range, factor
-            ),
-            end_systolic_volume=FigureAnswer.of(
-                curve.end_systolic_volume, curve.end_systolic_range, factor
-            ),
-            stroke_volume=FigureAnswer.of(curve.stroke_volume, curve.stroke_range, factor),
-            ejection_fraction=share if is_ejected else None,
-            volume_change=None if is_ejected else share,
-        )
 
 
 @mirrors(Rates)
@@ -295,13 +266,4 @@ class ReadoutsAnswer(Answer):
     @staticmethod
     def of(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> ReadoutsAnswer:
         """Write read-outs out."""
-        factor = readouts.shown_in
-        return read_from(
-            ReadoutsAnswer,
-            readouts,
-            amplitudes_per_frame=readouts.n_amplitudes,
-            from_signature=VolumeAnswer.of(readouts.curve, factor),
-            of_mesh=VolumeAnswer.of(readouts.mesh_curve, factor),
-            notes=[*readouts.notes, *ventricle.reasons],
-            **ventricle_json(ventricle),
-        )
+        return ReadoutsAnswer(**readouts_json(readouts, ventricle))

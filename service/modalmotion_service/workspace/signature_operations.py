@@ -180,7 +180,8 @@ async def classification(state: State, request: Request, report: Report) -> Outc
     model = await asyncio.to_thread(models.choose, state, request.reference)
     kept, is_new = await models.classification(state, sequence_id, model, query.coverage, report)
     here = f"/v1/signatures/{sequence_id}/classifications"
-    return made(classification_answer(state, kept), here, is_new)
+    # A link would lead a job to the answers of all models.
+    return replace(made(classification_answer(state, kept), here, is_new), link=None)
 
 
 @operation(media.NPZ, media.HDF5, media.CSV, query=MANY_SIGNATURES)

@@ -39,7 +39,9 @@ def test_numbers_are_the_librarys_and_the_picture_is_written(
     own = read(read_npz(recording.read_bytes()).sequence, modes=18)
     answer = json.loads(run.stdout)
     assert answer["from_signature"]["volumes"] == (own.curve.volumes * own.shown_in).tolist()
-    assert answer["from_signature"]["ejection_fraction"] == own.curve.ejection_fraction
+    ejected = answer["from_signature"]["ejection_fraction"]
+    assert ejected["value"] == own.curve.ejection_fraction
+    assert (ejected["low"], ejected["high"]) == own.curve.share_range
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
@@ -72,8 +74,7 @@ def test_a_closed_surface_has_an_ejection_fraction_where_its_cavity_is_stated(
     ):
         run = CliRunner().invoke(main, ["readouts", str(path), "--json", *words])
         answer = json.loads(run.stdout)["from_signature"]
-        low, high = answer["share_range"]
-        assert low <= answer[name] <= high
+        assert answer[name]["low"] <= answer[name]["value"] <= answer[name]["high"]
         assert answer[other] is None
         for command in ("readouts", "signature"):
             table = CliRunner().invoke(main, [command, str(path), *words])

@@ -96,19 +96,15 @@ def test_the_class_that_a_job_made_is_of_the_model_that_was_asked() -> None:
     def handler(request: httpx2.Request) -> httpx2.Response:
         sent.append(request.method)
         if request.method == "GET":
-            done = request.url.path.endswith("/classifications")
-            # The list of all models' answers, and the job.
-            content = b'{"classifications": [{"model": "mine"}, {"model": "other"}]}'
-            known = job(result="/v1/signatures/b/classifications", progress=1.0)
-            return always(content if done else known)(request)
-        if sent.count("POST") == 1:
-            return always(job(state="running"), 202)(request)
-        return always(b'{"model": "mine"}')(request)
+            done = request.url.path.endswith("/result")
+            known = job(result="/v1/jobs/c/result", progress=1.0)
+            return always(b'{"model": "mine"}' if done else known)(request)
+        return always(job(state="running"), 202)(request)
 
     sent: list[str] = []
     with client_of(handler) as client:
         assert client.classify("b", model="mine").model == "mine"
-    assert sent.count("POST") == 2
+    assert sent.count("POST") == 1
 
 
 @pytest.mark.parametrize("status", ["x", None, [], 1e308])

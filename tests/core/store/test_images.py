@@ -62,10 +62,10 @@ def test_a_record_says_what_the_images_are(store: ResultStore) -> None:
 
 def test_images_are_listed_from_the_newest_on(store: ResultStore) -> None:
     ids = [put(store, seed).id for seed in range(3)][::-1]
-    page = store.list_images(limit=2)
-    assert [one.id for one in page.records] == ids[:2]
-    last = store.list_images(limit=2, cursor=page.cursor)
-    assert ([one.id for one in last.records], last.cursor) == (ids[2:], None)
+    page, following = store.list_images(limit=2)
+    assert [one.id for one in page] == ids[:2]
+    last, end = store.list_images(limit=2, cursor=following)
+    assert ([one.id for one in last], end) == (ids[2:], None)
     with pytest.raises(ParameterError):
         store.list_images(limit=0)
 
@@ -119,7 +119,7 @@ def test_old_files_laid_over_the_store_do_not_come_back(tmp_path: Path) -> None:
     assert not list(root.rglob(f"*{record.id}*"))
     restore(copy, tmp_path / "new", deletions=root)
     with ResultStore(tmp_path / "new") as store:
-        assert [one.id for one in store.list_images().records] == [kept.id]
+        assert [one.id for one in store.list_images()[0]] == [kept.id]
 
 
 def test_lost_samples_are_lost_and_not_deleted(store: ResultStore, tmp_path: Path) -> None:

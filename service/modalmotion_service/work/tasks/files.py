@@ -113,7 +113,7 @@ class Fitted:
 
     def read_template(self) -> Template | None:
         """Read the template that is named; None for one of the sequence's own."""
-        return None if self.template is None else store.template_from_hdf5(self.template)
+        return named_template(self.template)
 
 
 # What is told sooner after the last time is not written.

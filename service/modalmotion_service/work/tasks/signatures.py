@@ -252,7 +252,7 @@ def measure_trade(
         parameters,
         most_modes=front_modes,
         components=None if components is None else (components,),
-        template=None if template is None else store.template_from_hdf5(template),
+        template=named_template(template),
         watch=Stopwatch(_TRADE_SHARES, ProgressFile(progress).write),
     )
     with whole_file(output) as temporary:
