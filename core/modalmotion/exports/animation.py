@@ -18,7 +18,6 @@ from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import Oscillators, State, free_response
-from modalmotion.notes import notes_as_json
 from modalmotion.representation import Floats, shown
 from modalmotion.signature.making import (
     ModalSignature,
@@ -144,7 +143,7 @@ def modes_to_hdf5(modes: VibrationModes) -> bytes:
     datasets = [
         Dataset("angular_frequencies", modes.angular_frequencies, modes.frequency_unit, "mode"),
         Dataset("shapes", modes.shapes, "1", "vertex, mode"),
-        json_text("labels", {"labels": labels, "notes": notes_as_json(modes.notes)}),
+        json_text("labels", {"labels": labels, "notes": modes.notes}),
     ]
     return FORM.image({}, datasets, topology=modes.surface)
 

@@ -13,7 +13,7 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Contents, Dataset, json_text, write_sealed
 from modalmotion.images.sequence import Image, ImageSequence, parts_of
 from modalmotion.images.volume import Plane, PlaneSet, Volume
-from modalmotion.notes import notes_as_json, notes_from_json
+from modalmotion.notes import notes_from_json
 from modalmotion.representation import Floats
 
 FORM: Final = Form("images", 2)
@@ -57,7 +57,7 @@ def write_images(path: Path, images: ImageSequence) -> None:
         Dataset("affines", np.stack(affines), "mm", "part, direction, axis and origin"),
         Dataset("thicknesses", np.array(thicknesses), "mm", "part"),
         json_text("about", {"n_frames": images.n_frames, "period": images.period}),
-        json_text("notes", notes_as_json(images.notes)),
+        json_text("notes", images.notes),
     ]
     if images.times is not None:
         datasets.append(Dataset("times", images.times, "s", "frame"))

@@ -482,7 +482,7 @@ def _datasets(norm: Norm) -> list[Dataset]:
         json_text("extractor", norm.extractor.as_json()),
         json_text("columns", norm.columns),
         json_text("controls", [{k: getattr(c, k) for k in _TEXTS} for c in controls]),
-        json_text("notes", notes_as_json(norm.notes)),
+        json_text("notes", norm.notes),
     ]
 
 

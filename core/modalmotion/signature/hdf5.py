@@ -15,7 +15,7 @@ from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.spring_modes import Modes, SpringModes
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.notes import notes_as_json, notes_from_json
+from modalmotion.notes import notes_from_json
 from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
@@ -89,7 +89,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
         Dataset("deformation_spectrum", spectrum, unit, "mode"),
         Dataset("strain_energy", energy, f"{unit}^2/s^2", "frame, mode"),
         _parameters_text(signature.parameters),
-        json_text("notes", notes_as_json(signature.notes)),
+        json_text("notes", signature.notes),
         json_text("provenance", signature.provenance),
     ]
     # Stored signatures have no facts, which may change: the answer adds them.

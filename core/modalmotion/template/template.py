@@ -19,7 +19,7 @@ from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.spring_modes import Modes, spring_modes
 from modalmotion.modes.mode_set import lowest_modes, whole_count
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
-from modalmotion.notes import Note, notes_as_json, notes_from_json
+from modalmotion.notes import Note, notes_from_json
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 from modalmotion.template.axis import Placement
@@ -362,7 +362,7 @@ def template_to_hdf5(template: Template) -> bytes:
         Dataset("vertices", template.vertices, length, "vertex, direction"),
         Dataset("faces", template.faces.astype("<i8", copy=False), "1", "face, corner"),
         Dataset("isolated", template.isolated.astype("<i8", copy=False), "1", "vertex"),
-        json_text("texts", {"reason": template.reason, "notes": notes_as_json(template.notes)}),
+        json_text("texts", {"reason": template.reason, "notes": template.notes}),
     ]
     if is_merged(template.representatives):
         first = template.representatives.astype("<i8", copy=False)

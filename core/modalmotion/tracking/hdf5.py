@@ -16,7 +16,7 @@ from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import TRACK, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
-from modalmotion.notes import notes_as_json, notes_from_json
+from modalmotion.notes import notes_from_json
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import Template, landmark_datasets, landmarks_from, shapes_of
 from modalmotion.tracking.deviations import uncertainty_of
@@ -113,8 +113,8 @@ def track_to_hdf5(track: Track) -> bytes:
         Dataset("lengths", np.array(template.lengths, dtype=np.float64), unit, "axis"),
         json_text("estimate", _estimate(track)),
         json_text("facts", facts_as_json(sequence.facts)),
-        json_text("notes", notes_as_json(track.notes)),
-        json_text("template_notes", notes_as_json(template.notes)),
+        json_text("notes", track.notes),
+        json_text("template_notes", template.notes),
         json_text("provenance", dict(track.provenance)),
     ]
     if template.landmarks is not None:
