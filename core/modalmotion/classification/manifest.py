@@ -14,6 +14,7 @@ from typing import Any, Final
 from modalmotion.classification.cases import TrainingCase
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError, named
 from modalmotion.formats import ReadOptions
+from modalmotion.formats.parser_process import parser_of_thread
 from modalmotion.mesh import NO_FACTS, Facts, column_of, facts_in, states_fact
 from modalmotion.tracking.recordings import sequence_of
 
@@ -246,7 +247,8 @@ class LabelledSequence:
         """
         file = self.file
         try:
-            sequence = sequence_of(file.path, ReadOptions(facts=file.facts, **self.stated))
+            options = ReadOptions(facts=file.facts, **self.stated)
+            sequence = sequence_of(file.path, options, parser=parser_of_thread(options.limits))
         except ModalMotionError as error:
             raise named(error, str(file.path)) from error
         return TrainingCase(sequence, file.label, file.subject, name=str(file.path))

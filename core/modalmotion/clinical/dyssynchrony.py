@@ -29,8 +29,9 @@ _INSTANTS: Final = np.arange(1000) / 1000
 # From an instant to the exact time of the smallest volume.
 _NEWTON_STEPS: Final = 2
 
-# Of the noise of volumes, always the same.
+# Of the noise of volumes, always the same, and of the power of what segments do apart.
 _DRAWS: Final = 100
+_POWERS: Final = 20
 _SEED: Final = 16
 
 # Harmonics of a cycle at most, and the least variance of a volume, of its mean square.
@@ -107,9 +108,13 @@ def volume_gradients(motion: WallMotion, segment: Ints, n: int, frame: int) -> F
 
 
 def volume_variances(motion: WallMotion, segment: Ints, n: int, frame: int) -> Floats:
-    """Variance of each segment's volume from the errors of positions, (n,) float64."""
+    """Variance of each segment's volume from the errors of positions, (n,) float64.
+
+    Without those of a track along the surface, which would move the borders of segments: these keep
+    their heights.
+    """
     gradients = volume_gradients(motion, segment, n, frame)
-    return np.array([motion.variance(gradients[:, k], frame) for k in range(n)])
+    return np.array([motion.variance(gradients[:, k], frame, is_row=n > 1) for k in range(n)])
 
 
 def dyssynchrony(
@@ -126,7 +131,8 @@ def dyssynchrony(
         Of the noise of the volumes.
     is_smooth : bool
         Whether errors of neighbouring frames are alike, as those of a track are. Nothing of the
-        volumes is noise then, and the interval alone includes the errors.
+        volumes is noise then, and the interval alone includes the errors, drawn with the spectrum
+        of the motion.
 
     Returns
     -------
@@ -138,9 +144,10 @@ def dyssynchrony(
     -----
     Each segment follows the whole volume in its share, plus a rest. The index is the mean over
     curves drawn given the data (see `_curves`): the likeliest curves alone would be too much alike,
-    and those of the data too little. The interval includes the deviation of these draws, what they
-    add to the likeliest curves (of a track, what its errors could), the difference from straight
-    lines between the frames, and the spacing of the frames.
+    and those of the data too little. The interval includes the deviation of draws whose powers are
+    drawn too, what draws add to the likeliest curves, the difference from straight lines between
+    the frames, and the spacing of the frames. Below the index of a track it includes what its
+    errors make of segments that all follow the whole, above what they add to the index.
     """
     if (closed := _cycle(phases)) is None:
         return None
@@ -149,24 +156,27 @@ def dyssynchrony(
     splines = _splines(closed)(_INSTANTS)
     lines = scipy.interpolate.interp1d(closed, _by_frame(n), axis=0)(_INSTANTS)
     rng = np.random.default_rng(_SEED)
+
+    def apart(drawn: Floats) -> Floats:
+        return np.array([_apart(splines @ each) for each in drawn])
+
     if is_smooth:
-        smooth = volumes
-        drawn = _parts(volumes)[0] + rng.normal(size=(_DRAWS, *volumes.shape)) * np.sqrt(variances)
+        smooth, noise = volumes, _alike_in_time(volumes, rng) * np.sqrt(variances)
+        value = likeliest = _apart(splines @ volumes)
+        alike, more = apart(_parts(volumes)[0] + noise), apart(volumes + noise)
+        less = np.sqrt(max(value**2 - (alike**2).mean(), 0.0))
+        below = alike.var() + (value - less) ** 2
+        above = more.var() + (np.sqrt((more**2).mean()) - value) ** 2
     else:
-        smooth, drawn = _curves(volumes, phases, variances, rng)
-    by_noise = np.array([_apart(splines @ each) for each in drawn])
-    likeliest = _apart(splines @ smooth)
-    value = likeliest if is_smooth else by_noise.mean()
-    # Of a track what its errors make of segments that all follow the whole volume.
-    less = np.sqrt(max(value**2 - (by_noise**2).mean(), 0.0)) if is_smooth else likeliest
+        smooth, drawn, wider = _curves(volumes, phases, variances, rng)
+        value, likeliest = apart(drawn).mean(), _apart(splines @ smooth)
+        below = above = ((apart(wider) - value) ** 2).mean() + (value - likeliest) ** 2
     by_lines = _apart(lines @ smooth) - likeliest
     # Of the deviation of n times that are each uniform between two frames.
     by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
-    # The covariance that curves are drawn with is estimated from as few segments: as much again.
-    of_noise = by_noise.var() if is_smooth else 2.0 * by_noise.var()
-    squares = of_noise + (value - less) ** 2 + by_lines**2 + by_frames**2
-    reach = TWO_DEVIATIONS * np.sqrt(squares)
-    value, low, high = 100.0 * np.maximum([value, value - reach, value + reach], 0.0)
+    squares = np.array([below, above]) + by_lines**2 + by_frames**2
+    down, up = TWO_DEVIATIONS * np.sqrt(squares)
+    value, low, high = 100.0 * np.maximum([value, value - down, value + up], 0.0)
     return float(value), float(low), float(high)
 
 
@@ -226,14 +236,25 @@ def _by_frame(n: int) -> Floats:
     return frames.take(np.arange(n + 1) % n, axis=0)
 
 
+def _alike_in_time(volumes: Floats, rng: np.random.Generator) -> Floats:
+    """Draw noise of variance 1 with the spectrum of the motion, (draws, frames, segments)."""
+    moving = np.fft.rfft(volumes - volumes.mean(axis=0), axis=0)
+    sizes = np.sqrt((np.abs(moving) ** 2).mean(axis=1))[:, None]
+    drawn = np.fft.rfft(rng.normal(size=(_DRAWS, *volumes.shape)), axis=1)
+    noise = np.fft.irfft(drawn * sizes, n=len(volumes), axis=1)
+    return np.asarray(noise / (noise.std() or 1.0), dtype=np.float64)
+
+
 def _curves(
     volumes: Floats, phases: Floats, variances: Floats, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """Estimate volumes without noise: their mean given the data, and draws, (draws, ...).
 
     Amplitudes of harmonics are normal. Their covariance is what the data have beyond noise: for the
     rest of each segment the few directions in which segments vary by more than noise does (shrunk
     eigenvalues, as of a spiked covariance), and a power that is not larger in a higher harmonic.
+    This power is estimated from as few segments as there are; further draws have powers that are
+    drawn themselves: where noise hides it, it need not be zero.
     """
     n = min(len(phases) // 2, _HARMONICS)
     turns = 2.0 * np.pi * phases[:, None] * np.arange(1, n + 1)
@@ -243,20 +264,25 @@ def _curves(
     whole = alike.sum(axis=1, keepdims=True)
     shares = whole.T @ alike / ((whole**2).sum() or 1.0)
 
-    def tail(y: Floats, noise: Floats, known: Floats) -> Floats:
+    def tail(y: Floats, noise: Floats, known: Floats, chances: Floats | None = None) -> Floats:
         """Covariance of amplitudes that are independent, beyond noise and what is known."""
-        power = ((inverse @ y) ** 2).mean(axis=1) - inverse**2 @ noise.mean(axis=1) - known
-        power = scipy.optimize.isotonic_regression(power.reshape(2, n).mean(0), increasing=False).x
+        squares = _by_harmonic(((inverse @ y) ** 2).mean(axis=1))
+        known = _by_harmonic(inverse**2 @ noise.mean(axis=1) + known)
+        if chances is not None:
+            squares *= _ratios(chances, squares, known, len(volumes[0]) - 1)
+        power = scipy.optimize.isotonic_regression(squares - known, increasing=False).x
         return np.diag(np.tile(np.maximum(power, 0.0), 2))
 
-    def given(y: Floats, noise: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    def given(
+        y: Floats, noise: Floats, covariance: Floats, n_draws: int = _DRAWS
+    ) -> tuple[Floats, Floats]:
         values, directions = np.linalg.eigh(covariance)
         basis = waves @ (directions * np.sqrt(np.maximum(values, 0.0)))
         # An exact volume would have an infinite weight.
         weights = 1.0 / np.maximum(noise.T, _LEAST * (y**2).mean() or 1.0)[:, :, None]
         factors = np.linalg.cholesky(np.eye(2 * n) + basis.T @ (weights * basis))
         mean = np.linalg.solve(factors, basis.T @ (weights * y.T[:, :, None]))
-        drawn = mean + rng.normal(size=(len(mean), 2 * n, _DRAWS))
+        drawn = mean + rng.normal(size=(len(mean), 2 * n, n_draws))
         both = np.concatenate([mean, drawn], axis=2)
         curves = np.moveaxis(basis @ np.linalg.solve(factors.swapaxes(1, 2), both), 0, 2)
         return curves[:, 0], np.moveaxis(curves[:, 1:], 1, 0)
@@ -266,7 +292,28 @@ def _curves(
     spikes = _spikes(inverse @ rest, np.sqrt(inverse**2 @ variances.mean(axis=1)))
     covariance = spikes + tail(rest, variances, np.diag(spikes))
     more, drawn_more = given(rest, variances, covariance)
-    return mean * shares + more, drawn * shares + drawn_more
+    wider = []
+    for chances in rng.uniform(size=(_POWERS, n)):
+        covariance = spikes + tail(rest, variances, np.diag(spikes), chances)
+        wider.append(given(rest, variances, covariance, _DRAWS // _POWERS)[1])
+    alike = drawn * shares
+    return mean * shares + more, alike + drawn_more, alike + np.concatenate(wider)
+
+
+def _by_harmonic(of_waves: Floats) -> Floats:
+    """Mean of the cosine and the sine of each harmonic."""
+    return np.asarray(of_waves.reshape(2, -1).mean(axis=0), dtype=np.float64)
+
+
+def _ratios(chances: Floats, squares: Floats, least: Floats, n: int) -> Floats:
+    """Draw variances over the mean squares, of 2 n values, that show them; each at least `least`.
+
+    The mean square over the variance is gamma-distributed; `chances` are uniform from 0 to 1.
+    """
+    tiny = np.finfo(np.float64).tiny
+    most = n * squares / np.maximum(least, tiny)
+    chances = np.maximum(chances * scipy.special.gammainc(n, most), tiny)
+    return np.asarray(n / scipy.special.gammaincinv(n, chances), dtype=np.float64)
 
 
 def _spikes(amplitudes: Floats, deviations: Floats) -> Floats:

@@ -331,8 +331,8 @@ def with_images(
     Returns
     -------
     Track
-        Its deviations with those that residuals do not show: of a bias that all edges have in
-        common, and of bent stacks of slices.
+        Its deviations with those that residuals do not show: of a bias that all edges of all frames
+        have in common, and of bent stacks of slices.
     """
     images, imaging = images.sliced(), found.imaging
     shapes = track.sequence.vertices.astype(np.float64)
@@ -366,11 +366,20 @@ def with_images(
     deviations[..., 0] = np.sqrt(
         deviations[..., 0] ** 2 + answer.localisation**2 + found.bent**2 + at_places**2
     )
-    volume_deviations = track.volume_deviations
+    volume_deviations, correlation = track.volume_deviations, 0.0
     if volume_deviations is not None:
         closed = _OF_ALL_CLOSED * found.closed
         volume_deviations = np.hypot(volume_deviations, np.hypot(localisation, closed) * areas)
-    return replace(track, deviations=deviations, volume_deviations=volume_deviations, images=answer)
+        both = [volumes.argmax(), volumes.argmin()]
+        stated = float(volume_deviations[both].prod())
+        correlation = float((localisation * areas[both]).prod()) / stated if stated > 0 else 0.0
+    return replace(
+        track,
+        deviations=deviations,
+        volume_deviations=volume_deviations,
+        volume_correlation=correlation,
+        images=answer,
+    )
 
 
 def papillary_volume(

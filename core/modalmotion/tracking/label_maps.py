@@ -164,7 +164,7 @@ def _of_volumes(frames: Sequence[Volume | None]) -> dict[str, Proposed]:
 
 def _ends(volume: Volume, before: Floats | None) -> tuple[Floats, Floats, Floats, Floats]:
     """Apex, base, the unit vector between them and that across the base, of one frame."""
-    A, cavity = volume.affine, volume.values > 0
+    A, cavity = volume.affine, _largest_part(volume.values > 0)
     points = np.argwhere(cavity) @ A[:, :3].T + A[:, 3]
     middle = points.mean(axis=0)
     half = float(np.linalg.norm(A[:, :3], axis=0).mean()) / 2.0
@@ -184,6 +184,13 @@ def _ends(volume: Volume, before: Floats | None) -> tuple[Floats, Floats, Floats
     z = (points - base) @ axis
     tip = points[z < z.min() + 4.0 * half].mean(axis=0)
     return tip + (z.min() - half - float((tip - base) @ axis)) * axis, base, axis, flat
+
+
+def _largest_part(cavity: Bools) -> Bools:
+    """Leave out voxels that are apart from the rest: some beyond the base would be the base."""
+    parts, _ = scipy.ndimage.label(cavity)
+    largest: Bools = parts == np.bincount(parts[cavity]).argmax()
+    return largest
 
 
 def _flat_end(cavity: Bools, A: Floats, axis: Floats, half: float) -> Floats:

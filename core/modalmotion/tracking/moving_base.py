@@ -134,6 +134,10 @@ def with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
     s = template.coordinates[:, 0]
     along, across = np.array(known.along), np.array(known.across)
     deviations, volumes = np.array(track.deviations), np.diag(stated**2)
+    enclosed = np.abs(cavity.volume(track.sequence.vertices.astype(np.float64)))
+    ed, es = int(enclosed.argmax()), int(enclosed.argmin())
+    if ed != es:
+        volumes[ed, es] = volumes[es, ed] = track.volume_correlation * stated[ed] * stated[es]
     for name, covariance in levels.items():
         share = (s if name == "base" else 1.0 - s) ** _NEXT_TO_END
         # Frames that are missing have none.
@@ -152,8 +156,6 @@ def with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
             by_volume[k] = (volume_gradient(cavity, x) * moved).sum()
         volumes += own * np.outer(by_volume, by_volume)
     sd = np.sqrt(np.diag(volumes))
-    enclosed = np.abs(cavity.volume(track.sequence.vertices.astype(np.float64)))
-    ed, es = int(enclosed.argmax()), int(enclosed.argmin())
     is_known = ed == es or not sd[ed] * sd[es] > 0
     correlation = 0.0 if is_known else float(volumes[ed, es] / (sd[ed] * sd[es]))
     return replace(

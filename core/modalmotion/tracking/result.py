@@ -198,8 +198,8 @@ class Track(FrozenArrays, Recorded):
     images : ImageAnswer or None
         Of a track from images: convention, brightness, slices.
     volume_correlation : float
-        Of the errors of the largest and the smallest volume: that of an assumed base is alike in
-        both.
+        Of the errors of the largest and the smallest volume: those of an assumed base, and of a
+        bias of all edges of images, are alike in both.
     data : SampledData or None
         Some of the points that it was tracked through, to be looked at.
     """

@@ -9,7 +9,7 @@ import pytest
 from classify_samples import cohort, curves, curves_model, small_model
 
 import modalmotion as mm
-from modalmotion.classification import classify, only_modes
+from modalmotion.classification import DEFAULT_MODEL, classify, load_model, only_modes
 from modalmotion.classification.answer_hdf5 import (
     classification_from_hdf5,
     classification_key,
@@ -115,9 +115,30 @@ def test_contributions_of_modes_add_up_to_those_of_their_features() -> None:
     place = [str(label) for label in signature.modes.labels].index(strongest.modes[0])
     moving = signature.amplitudes[:, place] - signature.amplitudes[:, place].mean(axis=0)
     assert strongest.amplitude == pytest.approx(np.sqrt((moving**2).sum() / len(moving)))
+    still = only_modes(signature, strongest.modes)
+    others = [k for k in range(len(signature.modes)) if k != place]
+    assert np.ptp(still.amplitudes[:, others], axis=0).max() == pytest.approx(0.0)
+    with pytest.raises(ParameterError, match="no mode"):
+        only_modes(signature, ["(9, 9)"])
+
+
+@pytest.mark.parametrize("reads", ["modes", "parts about the axis"])
+def test_a_mode_states_what_a_unit_more_of_it_would_change(reads: str) -> None:
+    model, signature = curves_model(), curves(12)[0].signature
+    if reads != "modes":
+        model = load_model(DEFAULT_MODEL)
+        signature = mm.modal_signature(
+            mm.simulate_ventricle(rng=np.random.default_rng(5)), model.signature_parameters
+        )
+    found = classify(signature, model)
+    assert reads in model.tables[0].description
+    assert any(part.per_unit for part in found.explanation)
+    labels = [str(label) for label in signature.modes.labels]
+    largest = max(part.amplitude for part in found.explanation)
     for part in found.explanation:
-        own = [[str(label) for label in signature.modes.labels].index(name) for name in part.modes]
-        odds = []
+        if part.amplitude < 0.01 * largest:
+            continue
+        own, odds = [labels.index(name) for name in part.modes], []
         for more in (1e-4, -1e-4):
             a = signature.amplitudes.copy()
             a[:, own] += more * (a[:, own] - a[:, own].mean(axis=0))
@@ -125,12 +146,8 @@ def test_contributions_of_modes_add_up_to_those_of_their_features() -> None:
             likeliest, next_to_it = sorted(model.probabilities(grown[None])[0])[:-3:-1]
             odds.append(np.log(likeliest / next_to_it))
         difference = (odds[0] - odds[1]) / (2e-4 * part.amplitude)
-        assert part.per_unit == pytest.approx(difference, rel=0.01, abs=1e-4 * abs(scores[0]))
-    still = only_modes(signature, strongest.modes)
-    others = [k for k in range(len(signature.modes)) if k != place]
-    assert np.ptp(still.amplitudes[:, others], axis=0).max() == pytest.approx(0.0)
-    with pytest.raises(ParameterError, match="no mode"):
-        only_modes(signature, ["(9, 9)"])
+        most = abs(found.explanation[0].score)
+        assert part.per_unit == pytest.approx(difference, rel=0.01, abs=1e-4 * most)
 
 
 def test_an_answer_comes_back_from_a_file() -> None:

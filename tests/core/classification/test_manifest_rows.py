@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+from format_samples import sequence
 
 from modalmotion import Facts
-from modalmotion.classification.manifest import labelled_files, manifest_rows
+from modalmotion.classification.manifest import labelled_files, manifest_rows, read_cases
 from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.formats import write_vtkhdf
+from modalmotion.formats.parser_process import ParserProcess
 
 HEADING, ROWS = ("Path", "Subject", "Label"), (("a b.npz", "Müller, E.", "rest"), ("c.npz", "", ""))
 
@@ -88,3 +92,21 @@ def test_of_a_folder_with_a_table_the_table_is_asked_for(tmp_path: Path) -> None
     with pytest.raises(ParameterError) as caught:
         labelled_files([tmp_path])
     assert "cases.csv" in caught.value.remedy
+
+
+def test_the_files_of_a_table_share_a_parser(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin, begun = ParserProcess.__init__, list[ParserProcess]()
+
+    def counted(own: ParserProcess, *arguments: Any, **options: Any) -> None:
+        begun.append(own)
+        begin(own, *arguments, **options)
+
+    monkeypatch.setattr(ParserProcess, "__init__", counted)
+    for name in ("a", "b", "c"):
+        (tmp_path / f"{name}.vtkhdf").write_bytes(write_vtkhdf(sequence()))
+    (tmp_path / "t.csv").write_text("path,label\na.vtkhdf,x\nb.vtkhdf,y\nc.vtkhdf,y\n")
+    read = [case.read() for case in read_cases(tmp_path / "t.csv")]
+    assert [case.label for case in read] == ["x", "y", "y"]
+    assert len(begun) <= 1

@@ -143,7 +143,8 @@ def test_rows_of_a_track_keep_their_heights_however_its_vertices_slide() -> None
     known = Uncertainty.of_noise(0.1, 2, mesh.n_vertices, mesh.n_vertices)
     track = replace(mesh, uncertainty=known)
     for level in ("apical", "mid", "basal"):
-        assert strain_of(track).at(f"GCS {level}", 1).value == pytest.approx(-20.0, abs=0.5)
+        # Lines of tissue, which a track does not see, are longer by 0.02 of this.
+        assert strain_of(track).at(f"GCS {level}", 1).value == pytest.approx(-19.6, abs=0.5)
     assert strain_of(mesh).at("GCS apical", 1).value > -10.0
 
 

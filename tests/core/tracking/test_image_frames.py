@@ -25,6 +25,7 @@ from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.tracking import Track, track
 from modalmotion.tracking.hdf5 import track_from_hdf5, track_to_hdf5
+from modalmotion.tracking.moving_base import with_levels
 
 # A beat of three frames: full, small, in between.
 RADII = (RADIUS, 17.0, 20.0)
@@ -76,6 +77,15 @@ def test_what_images_were_like_is_part_of_the_answer(tracked: Track) -> None:
     assert own.localisation > 0
     # Every vertex may be off as far as all edges alike.
     assert tracked.deviations[..., 0].min() >= own.localisation
+    # In both volumes of the ejection fraction too, which hardly changes by it.
+    assert 0.4 < tracked.volume_correlation < 1.0
+    apart = replace(tracked, volume_correlation=0.0).ejection_fraction_bound
+    assert tracked.ejection_fraction_bound is not None
+    assert apart is not None
+    assert tracked.ejection_fraction_bound < 0.8 * apart
+    # Levels of the ends add their own errors to it.
+    levels = {"base": np.diag(np.full(tracked.n_frames, 0.01))}
+    assert with_levels(tracked, levels).volume_correlation > 0.9 * tracked.volume_correlation
     # Without muscles both conventions say nearly the same.
     both = tracked.ejection_fractions
     assert both["pool"] == pytest.approx(tracked.ejection_fraction)

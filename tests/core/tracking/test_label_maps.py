@@ -94,6 +94,18 @@ def test_the_middle_of_a_cut_aslant_is_found(slope: float) -> None:
     assert abs((base.places[0] - place) @ base.normals[0]) < 2.0 * base.normal_sd < base.sd
 
 
+def test_voxels_apart_from_the_cavity_do_not_move_its_ends() -> None:
+    whole = labels()
+    index = np.moveaxis(np.indices(whole.shape), 0, -1)
+    local = (index @ whole.affine[:, :3].T + whole.affine[:, 3] - MIDDLE) @ AXES
+    island = np.linalg.norm(local - np.array([12.0, 0.0, CUT + 10.0]), axis=-1) < 3.0
+    assert island.any()
+    strewn = Volume(np.where(island, 3, whole.values), whole.affine)
+    made, found = (from_labels(ImageSequence((one,)), (3,)).landmarks for one in (whole, strewn))
+    for name in ("apex", "base"):
+        assert found[name].places == pytest.approx(made[name].places)
+
+
 def gaps(values: np.ndarray) -> None:
     """Take out the wall of one side in a band below the opening, smaller than that."""
     n = values.shape[1] // 2
