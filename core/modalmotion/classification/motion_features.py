@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.classification.motion import N_COSINES, N_HARMONICS, Column, Motion
-from modalmotion.classification.options import MODE_COUNTS, Timing
+from modalmotion.classification.options import Timing
 from modalmotion.mesh.sequence import MM_PER_UNIT
 from modalmotion.mesh.spring_modes import Modes, wave_pairs
 from modalmotion.modes.topology import CLOSED
@@ -171,11 +171,6 @@ def _places(modes: Modes) -> _Places:
     )
 
 
-# Modes up to which products of waves are read as they are: the smaller number that is weighed, and
-# one more where a pair would be split.
-_FEW_MODES: Final = MODE_COUNTS[0] + 1
-
-
 class Waves(NamedTuple):
     """Modes taken together where a start angle would mix them: each alone, or pairs.
 
@@ -219,49 +214,44 @@ def waves_of(modes: Modes, *, walls: bool) -> Waves:
 
 
 def wave_features(terms: NDArray[Any], waves: Waves) -> Floats:
-    """Sizes of waves and products of their motion, (features,) float64; see `wave_columns`.
+    """Roots of products of modes over all terms, (features,) float64; see `wave_columns`.
 
     Parameters
     ----------
     terms : (terms, modes, n)
         Complex harmonics of a cycle, or real cosine terms of a transient.
     waves : Waves
-
-    Notes
-    -----
-    A product of two waves is read in the unit of the motion: of few modes over the root of the
-    product of their lengths, of many as its root with a sign. A root is steep about zero, where a
-    class may be that stands while another runs, but does not lose what moves little.
     """
     is_cycle = np.iscomplexobj(terms)
+    parts = np.concatenate([terms.real, terms.imag]) if is_cycle else terms
+    sizes = (np.abs(terms) ** 2).sum(axis=2)
     c = np.array([group[0] for group in waves.modes])
     # A wave without a sine has one of zeros, behind the last mode.
     zero = terms.shape[1]
     s = np.array([group[1] if len(group) > 1 else zero for group in waves.modes])
-    sizes = np.pad((np.abs(terms) ** 2).sum(axis=2), ((0, 0), (0, 1)))
-    sizes = sizes[:, c] + sizes[:, s]
-    spread = np.linalg.svd(_flat(terms).reshape(-1, terms.shape[2]), compute_uv=False)
-    if is_few := zero <= _FEW_MODES:
-        lengths = np.ones(zero + 1)
-        lengths[c] = lengths[s] = np.sqrt(sizes.sum(axis=0))
-        terms = terms / np.sqrt(np.where(lengths > 0.0, lengths, 1.0))[:zero, None]
-    follows = -1j * terms if is_cycle else np.tensordot(_areas(len(terms)), terms, axes=1)
-    own = _flat(terms)
-    both, led = own @ own.T, own @ _flat(follows).T
+    sizes = np.pad(sizes, ((0, 0), (0, 1)))
+    own = _flat(parts)
+    spread = np.linalg.svd(parts.reshape(-1, terms.shape[2]), compute_uv=False)
+    spread = np.pad(spread, (0, terms.shape[2] - len(spread)))
+    both = own @ own.T
     i, j = waves.i, waves.j
+    found = [np.sqrt(sizes[:, c] + sizes[:, s]).T.ravel(), spread]
+    # Of pairs a start angle keeps c.c' + s.s' and c.s' - s.c'.
+    products = [both[c[i], c[j]] + both[s[i], s[j]]]
     paired = s < zero
     turned = paired[i] & paired[j]
-    # Of pairs a start angle keeps c.c' + s.s' and c.s' - s.c'.
-    products = [
-        both[c[i], c[j]] + both[s[i], s[j]],
-        (both[c[i], s[j]] - both[s[i], c[j]])[turned],
+    products.append((both[c[i], s[j]] - both[s[i], c[j]])[turned])
+    if is_cycle:
+        led = own @ _flat(np.concatenate([terms.imag, -terms.real])).T
+    else:
+        led = own @ _flat(np.tensordot(_areas(len(terms)), terms, axes=1)).T
+    products += [
         led[c[i], c[j]] + led[s[i], s[j]],
         led[c, s][paired],
         (led[c[i], s[j]] - led[s[i], c[j]])[turned],
     ]
     flat = np.concatenate(products)
-    read = flat if is_few else np.copysign(np.sqrt(np.abs(flat)), flat)
-    return np.concatenate([np.sqrt(sizes).T.ravel(), spread, read])
+    return np.concatenate([*found, np.copysign(np.sqrt(np.abs(flat)), flat)])
 
 
 def wave_columns(waves: Waves, n_terms: int, n_directions: int) -> tuple[Column, ...]:
@@ -297,9 +287,11 @@ def summary(terms: NDArray[Any], waves: Waves) -> Floats:
     """Few numbers for few cases: how much each wave, each term and each direction moves."""
     squares = (np.abs(terms) ** 2).sum(axis=2)
     by_wave = np.array([squares[:, list(group)].sum() for group in waves.modes])
-    spread = np.linalg.svd(_flat(terms).reshape(-1, terms.shape[2]), compute_uv=False)
+    is_cycle = np.iscomplexobj(terms)
+    parts = np.concatenate([terms.real, terms.imag]) if is_cycle else terms
+    spread = np.linalg.svd(parts.reshape(-1, terms.shape[2]), compute_uv=False)
     found = [np.sqrt(by_wave), np.sqrt(squares.sum(axis=1)), spread]
-    if not np.iscomplexobj(terms):
+    if not is_cycle:
         # The start of a transient is known, so signs of its terms to each other say when.
         flat = terms.reshape(len(terms), -1)
         pairs = (flat @ flat.T)[np.triu_indices(len(terms), 1)]
@@ -324,9 +316,8 @@ def summary_columns(
 
 
 def _flat(terms: NDArray[Any]) -> Floats:
-    """Rows of the modes' terms, real and imaginary, and one of zeros: (modes + 1, terms * n)."""
-    parts = np.concatenate([terms.real, terms.imag]) if np.iscomplexobj(terms) else terms
-    rows = parts.transpose(1, 0, 2).reshape(terms.shape[1], -1)
+    """Rows of the modes' terms, and one of zeros: (modes + 1, terms * n)."""
+    rows = terms.transpose(1, 0, 2).reshape(terms.shape[1], -1)
     return np.asarray(np.pad(rows, ((0, 1), (0, 0))))
 
 

@@ -12,7 +12,7 @@ from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.images.sequence import Image, is_sliced
 from modalmotion.notes import Note
-from modalmotion.representation import Bools, Floats
+from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.label_slices import ends_in_slices
 from modalmotion.tracking.label_values import cavity_in, values_in
@@ -35,6 +35,9 @@ _MOST_BORDER: Final = 6000
 
 # Voxels below the highest one: a section there is whole.
 _SECTION: Final = (6.0, 3.0)
+
+# mm beside the cavity, that edges are looked for within.
+_ROOM: Final = 15.0
 
 # mm: a landmark so far outside is noted.
 _OUTSIDE: Final = 2.0
@@ -83,7 +86,7 @@ def from_labels(images: ImageSequence, labels: Sequence[int] = ()) -> Labelled:
     if not labels:
         value, note = cavity_in(images)
         labels, decided = (value,), (note,)
-    frames = tuple(_shown(k, frame, labels) for k, frame in enumerate(images.frames))
+    frames = _with_room([_shown(k, frame, labels) for k, frame in enumerate(images.frames)])
     sliced = any(is_sliced(frame) for frame in frames if frame is not None)
     marks, notes = ends_in_slices(frames) if sliced else (_of_volumes(frames), ())
     note = Note.of("ends_proposed")
@@ -149,6 +152,26 @@ def _shown(k: int, frame: Image | None, labels: Sequence[int]) -> Volume | None:
             frame=k,
         )
     return Volume(np.where(cavity, np.float32(_INSIDE), np.float32(0.0)), frame.affine)
+
+
+def _with_room(frames: Sequence[Volume | None]) -> tuple[Volume | None, ...]:
+    """Add unlabelled voxels where maps are cropped so close that edges have no outside."""
+    before, after = np.zeros((2, 3), dtype=int)
+    for frame in frames:
+        if frame is not None:
+            there = np.argwhere(frame.values)
+            wanted = np.ceil(_ROOM / np.array(frame.spacing)).astype(int)
+            before = np.maximum(before, wanted - there.min(axis=0))
+            last = np.array(frame.values.shape) - 1
+            after = np.maximum(after, wanted - (last - there.max(axis=0)))
+    widths = np.stack([before, after], axis=1)
+    return tuple(None if frame is None else _widened(frame, widths) for frame in frames)
+
+
+def _widened(frame: Volume, widths: Ints) -> Volume:
+    affine = frame.affine.copy()
+    affine[:, 3] -= affine[:, :3] @ widths[:, 0]
+    return Volume(np.pad(frame.values, widths), affine)
 
 
 def _of_volumes(frames: Sequence[Volume | None]) -> dict[str, Proposed]:

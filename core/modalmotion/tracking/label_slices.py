@@ -8,7 +8,7 @@ level is that of all paths that go with the slices.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -92,7 +92,9 @@ def ends_in_slices(
     normal = np.cross(first.affine[:, i], first.affine[:, j]).astype(np.float64)
     normal /= np.linalg.norm(normal)
     step = abs(float(first.affine[:, across] @ normal))
-    stacks = {k: _stack(frame, normal, k) for k, frame in there.items()}
+    sections = {k: _sections(frame, normal) for k, frame in there.items()}
+    low, high = _labelled_run(sections.values(), step)
+    stacks = {k: _stack(*each, low, high, k) for k, each in sections.items()}
     # A base is cut where the cavity is still wide: the wider end of all frames together.
     taper = sum(np.log(s.areas[-2:].mean() / s.areas[:2].mean()) for s in stacks.values())
     if taper < 0:
@@ -105,10 +107,11 @@ def ends_in_slices(
     full = int(volumes.argmax())
     tips, of_tips = _tips(own, step)
     tops = np.array([s.heights[-1] for s in own])
+    gaps = _gaps(tops, np.concatenate([s.heights for s in own]), step)
     levels, of_levels = tops + step / 2.0, np.zeros((0, 0))
     for _ in range(_TURNS):
         volumes = np.array([_volume(*each) for each in zip(own, tips, levels, strict=True)])
-        levels, of_levels = _levels(tops, step, 100.0 * (1.0 - volumes / volumes.max()))
+        levels, of_levels = _levels(tops, gaps, step, 100.0 * (1.0 - volumes / volumes.max()))
     n = len(frames)
     apices, bases, axes = (np.full((n, 3), np.nan) for _ in range(3))
     at = np.ix_(list(there), list(there))
@@ -126,7 +129,8 @@ def ends_in_slices(
     return {name: Proposed(own, sd, axes, _LEVEL, off) for name, own, off in places}, tuple(notes)
 
 
-def _stack(frame: Volume, normal: Floats, number: int) -> _Stack:
+def _sections(frame: Volume, normal: Floats) -> tuple[Floats, Floats, Floats]:
+    """Heights, areas and middles of the labelled sections of one frame, from the lowest on."""
     cavity = frame.values > 0
     across = int(np.argmax(frame.spacing))
     others = [i for i in range(3) if i != across]
@@ -134,22 +138,42 @@ def _stack(frame: Volume, normal: Floats, number: int) -> _Stack:
     pixel = float(np.linalg.norm(np.cross(A[:, others[0]], A[:, others[1]])))
     counts = cavity.sum(axis=tuple(others))
     kept = np.flatnonzero(counts)
-    # What lies apart from the others by more than a slice that is missing is something else.
-    runs = np.split(kept, np.flatnonzero(np.diff(kept) > 2) + 1)
-    kept = max(runs, key=lambda run: int(counts[run].sum()))
-    if len(kept) < _FEWEST:
+    middles = np.array(
+        [A[:, :3] @ np.insert(_middle(cavity.take(k, across)), across, k) + A[:, 3] for k in kept]
+    )
+    heights = middles @ normal
+    order = np.argsort(heights)
+    return heights[order], counts[kept][order] * pixel, middles[order]
+
+
+def _labelled_run(
+    sections: Iterable[tuple[Floats, Floats, Floats]], step: float
+) -> tuple[float, float]:
+    """Lowest and highest slice of the cavity, mm.
+
+    What lies apart from the others by more than a slice that no frame has is something else.
+    """
+    heights, areas = (np.concatenate(each) for each in list(zip(*sections, strict=True))[:2])
+    order = np.argsort(heights)
+    heights, areas = heights[order], areas[order]
+    cuts = np.flatnonzero(np.diff(heights) > 2.5 * step) + 1
+    runs = np.split(np.arange(len(heights)), cuts)
+    own = heights[max(runs, key=lambda run: float(areas[run].sum()))]
+    return float(own[0]), float(own[-1])
+
+
+def _stack(
+    heights: Floats, areas: Floats, middles: Floats, low: float, high: float, number: int
+) -> _Stack:
+    own = (heights >= low) & (heights <= high)
+    heights, areas, middles = heights[own], areas[own], middles[own]
+    if len(heights) < _FEWEST:
         raise ShapeError(
-            f"The cavity is labelled in {len(kept)} slices of frame {number}; its ends are seen "
+            f"The cavity is labelled in {len(heights)} slices of frame {number}; its ends are seen "
             f"in {_FEWEST} and more.",
             remedy="Label more slices, or state apex and base by --landmarks.",
             frame=number,
         )
-    middles = np.array(
-        [A[:, :3] @ np.insert(_middle(cavity.take(k, across)), across, k) + A[:, 3] for k in kept]
-    )
-    heights, areas = middles @ normal, counts[kept] * pixel
-    if heights[0] > heights[-1]:
-        heights, areas, middles = heights[::-1], areas[::-1], middles[::-1]
     columns = np.column_stack([np.ones(len(heights)), heights])
     w = np.sqrt(areas)[:, None]
     line = np.linalg.lstsq(w * columns, w * middles, rcond=None)[0]
@@ -196,13 +220,26 @@ def _tips(stacks: Sequence[_Stack], step: float) -> tuple[Floats, Floats]:
     return tips + (1.0 - share) * (common - tips), np.diag(share * variances)
 
 
-def _levels(tops: Floats, step: float, ejected: Floats) -> tuple[Floats, Floats]:
+def _gaps(tops: Floats, drawn: Floats, step: float) -> Floats:
+    """Slices from the highest of each frame to the next one that any frame has, 1 if none has.
+
+    A slice that no frame has, below one that some have, was left out: that a frame ends below it
+    does not show that the base does.
+    """
+    above = np.where(drawn > tops[:, None] + step / 2.0, drawn, np.inf).min(axis=1)
+    gaps: Floats = np.where(np.isfinite(above), np.rint((above - tops) / step), 1.0)
+    return gaps
+
+
+def _levels(tops: Floats, gaps: Floats, step: float, ejected: Floats) -> tuple[Floats, Floats]:
     """Height of the base in each frame, mm, and the covariance, mm^2.
 
     Parameters
     ----------
     tops : (frames,) float64, mm
         Heights of the highest slices.
+    gaps : (frames,) float64
+        Slices from there to the next one that any frame has.
     step : float, mm
         From slice to slice.
     ejected : (frames,) float64, percent
@@ -217,12 +254,14 @@ def _levels(tops: Floats, step: float, ejected: Floats) -> tuple[Floats, Floats]
     mean, sd = DESCENT
     c = mean + sd * np.linspace(-2.5, 2.5, 21)
     H = np.arange(tops.min() - step, tops.max() + mean * ejected.max() + 4.0 * step, _GRID)
-    h = np.arange(-0.5, 3.0, _GRID / step) * step
+    slices = np.arange(-0.5, 2.0 + gaps.max(), _GRID / step)
+    h = slices * step
     edges, weights = np.array(_ABOVE).T
-    of_slice = weights[np.searchsorted(edges, h / step + 1e-9, side="right") - 1]
     log_weight = np.broadcast_to(-((c - mean) ** 2) / (2.0 * sd**2), (len(H), len(c))).copy()
     first, second = [], []
-    for top, own in zip(tops, ejected, strict=True):
+    for top, gap, own in zip(tops, gaps, ejected, strict=True):
+        above = np.where(slices < 0.0, slices, np.maximum(slices - (gap - 1.0), 0.0))
+        of_slice = weights[np.searchsorted(edges, above + 1e-9, side="right") - 1]
         path = H[:, None] - c * own
         likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * OFF_PATH**2))
         total = np.maximum(likely.sum(axis=2), 1e-300)

@@ -7,7 +7,7 @@ chambers), 1 (M&Ms) or something else.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,9 @@ from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.sequence import is_sliced
 from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints
+
+NO_MAP: Final = "none"
+"""Label of images that are no label map, though they have few whole numbers."""
 
 # Of a map of labels: most values, range of these, and least share of neighbours that are alike.
 _MOST_VALUES: Final = 150
@@ -74,22 +77,24 @@ def is_label_map(images: ImageSequence) -> bool:
     return is_map
 
 
-def whole_labels(labels: Iterable[str | int]) -> list[int]:
-    """Take labels as the whole numbers that those of a label map are.
+def whole_labels(labels: Sequence[str | int]) -> list[int]:
+    """Take labels as the whole numbers that those of a label map are; of `NO_MAP` there is none.
 
     Raises
     ------
     ParameterError
         If one is none.
     """
-    values = []
+    values: list[int] = []
+    if tuple(labels) == (NO_MAP,):
+        return values
     for label in labels:
         try:
             values.append(int(label))
         except ValueError:
             raise ParameterError(
                 f"The label {label!r:.40} is no whole number, as those of a label map are.",
-                remedy="Name the cavity by --label VALUE.",
+                remedy="Name the cavity by --label VALUE, or --label none if it is no label map.",
             ) from None
     return values
 
@@ -201,5 +206,5 @@ def _of_one(volume: Volume, value: int, named: str) -> tuple[int, Note]:
 def _undecided(reason: str, named: str) -> ParameterError:
     return ParameterError(
         f"Which label is the cavity? Of the labels in the map ({named}) {reason}.",
-        remedy="Name the cavity by --label VALUE.",
+        remedy="Name the cavity by --label VALUE, or --label none if it is no label map.",
     )

@@ -44,7 +44,8 @@ class TrackParameters:
         Of images: whether papillary muscles count as cavity in volumes.
     labels : tuple of str or int
         Label of the cavity in a label map, or parts of the names of the typed contours to read. By
-        default the label that another one encloses, and LV_ENDOCARDIAL.
+        default the label that another one encloses, and LV_ENDOCARDIAL. "none": it is no label map
+        but a grey image of few whole numbers.
     unit : str, optional
         Length unit: m, cm, mm, um or nm.
     times : tuple of float, or float, s, optional

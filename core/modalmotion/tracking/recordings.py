@@ -143,9 +143,10 @@ def _labelled(
                 remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
             )
         return recorded, {}
-    if not labels and not is_label_map(images):
+    values = whole_labels(labels)
+    if not values and (labels or not is_label_map(images)):
         return recorded, {}
-    made = from_labels(images, whole_labels(labels))
+    made = from_labels(images, values)
     stated = {**recorded.landmarks, **(parameters.landmarks or {})}
     outside = notes_on_landmarks(images, stated, parameters.reference or 0)
     notes = (*made.images.notes, *outside)

@@ -50,6 +50,35 @@ def test_a_segmentation_in_memory_is_taken_as_that_of_a_file_is() -> None:
     assert any("Label 3 was taken as the cavity" in note for note in found.notes)
 
 
+def test_a_map_that_is_cropped_to_its_cavity_has_room_around_it() -> None:
+    whole = labels()
+    there = np.argwhere(whole.values == 3)
+    first, last = there.min(axis=0), there.max(axis=0) + 1
+    box = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
+    affine = whole.affine.copy()
+    affine[:, 3] += affine[:, :3] @ first
+    one = from_labels(ImageSequence((whole,)), (3,)).images.frames[0]
+    tight = from_labels(ImageSequence((Volume(whole.values[box], affine),)), (3,)).images.frames[0]
+    assert isinstance(one, Volume)
+    assert isinstance(tight, Volume)
+    places = [
+        np.argwhere(frame.values > 0) @ frame.affine[:, :3].T + frame.affine[:, 3]
+        for frame in (one, tight)
+    ]
+    assert places[0] == pytest.approx(places[1], abs=1e-4)
+    inside = np.argwhere(tight.values > 0)
+    free = np.minimum(inside.min(axis=0), np.array(tight.shape) - 1 - inside.max(axis=0))
+    assert (free * np.array(tight.spacing) > 14.0).all()
+
+
+def test_an_image_of_few_whole_numbers_is_tracked_as_one_where_the_user_says_so() -> None:
+    images = ImageSequence((labels(), labels(18.0)))
+    with pytest.raises(ParameterError, match="apex"):
+        track(images, modes=4, labels=("none",))
+    found = track(images, modes=4, labels=("none",), landmarks={"apex": APEX, "base": BASE})
+    assert not any("cavity" in note for note in found.notes)
+
+
 def left_by_steps(voxel: float, patch: float, rng: np.random.Generator) -> float:
     """RMS over all directions of a voxelised plane's mean height in a patch, along its normal."""
     n, m = 8000, 12

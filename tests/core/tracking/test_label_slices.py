@@ -139,3 +139,29 @@ def test_missing_frames_have_no_ends_and_few_slices_are_refused() -> None:
     flat = stack()
     with pytest.raises(ShapeError, match="in 2 slices of frame 0"):
         found(Volume(flat.values[:, :, :2] | flat.values[:, :, 5:7], flat.affine))
+
+
+def emptied(frame: Volume, *slices: int) -> Volume:
+    values = frame.values.copy()
+    values[:, :, list(slices)] = 0
+    return Volume(values, frame.affine)
+
+
+def test_two_neighbours_that_one_frame_lacks_do_not_cut_a_cavity() -> None:
+    others = [stack(), stack(), stack()]
+    whole, torn = found(*others, stack()), found(*others, emptied(stack(), 4, 5))
+    assert torn.apices[3] == pytest.approx(whole.apices[3], abs=0.5)
+    assert torn.bases[3] == pytest.approx(whole.bases[3], abs=0.5)
+    # What lies apart in all frames is something else.
+    apart = found(*(emptied(frame, 3, 4) for frame in others))
+    assert (apart.apices[:, 2] > whole.apices[0, 2] + STEP).all()
+
+
+@pytest.mark.parametrize("first", [-52.0, -54.0, -56.0])
+def test_a_slice_that_no_frame_has_does_not_lower_the_base(first: float) -> None:
+    full = stack(first=first)
+    top = int(np.flatnonzero(full.values.any(axis=(0, 1)))[-1])
+    # One frame ends above the slice that was left out, the others below it.
+    below = emptied(full, top - 1, top)
+    bases = found(emptied(full, top - 1), below, below, below).bases[:, 2]
+    assert bases[1:] == pytest.approx(bases[0], abs=0.25 * STEP)

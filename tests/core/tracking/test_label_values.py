@@ -10,7 +10,7 @@ from ellipsoid_images import labels, volume
 
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Volume
-from modalmotion.tracking.label_values import cavity_in, is_label_map
+from modalmotion.tracking.label_values import cavity_in, is_label_map, whole_labels
 
 SIDE = 48
 
@@ -79,6 +79,14 @@ def test_brightness_is_no_label() -> None:
     whole = Volume(np.rint(grey.values).astype(np.int16), grey.affine)
     assert not is_label_map(ImageSequence((whole,)))
     assert not is_label_map(ImageSequence((Volume(np.zeros((4, 4, 4)), np.eye(4)[:3]),)))
+
+
+def test_images_of_few_values_are_said_to_be_no_label_map() -> None:
+    assert whole_labels(["none"]) == []
+    assert whole_labels(["3"]) == [3]
+    with pytest.raises(ParameterError) as error:
+        whole_labels(["blood"])
+    assert "--label none" in error.value.remedy
 
 
 def test_a_label_map_with_voxels_that_are_no_numbers_is_refused_as_such() -> None:
