@@ -7,6 +7,7 @@ ends at the rim, and where a slice has a contour and the next one has none the r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -116,8 +117,13 @@ def with_contour_ends(
     levels = _levels(frames, drawn, ends, planes, stack) if len(stack) else {}
     full = list(frames)
     for k, own in ends.items():
+        # However close slices are, that none is beyond the last one shows no end of a cloud.
+        full[k] = tuple(
+            replace(part, weights=np.ones(len(part))) if lies_evenly(part) else part
+            for part in full[k]
+        )
         if not any(p.end == "base" or "base" in (p.places or ()) for p in frames[k]):
-            full[k] = (*frames[k], *own, *([levels[k]] if k in levels else ()))
+            full[k] = (*full[k], *own, *([levels[k]] if k in levels else ()))
     for k, tip in _tips(frames, drawn, planes, stack).items():
         full[k] = (*full[k], tip)
     return tuple(full)

@@ -10,6 +10,7 @@ from clouds import Floats
 
 from modalmotion.tracking import Observation, track
 from modalmotion.tracking.contour_ends import _planes_of, with_contour_ends
+from modalmotion.tracking.ends_of_data import lies_evenly
 from modalmotion.tracking.observation import Frame
 
 APEX, RADIUS, SPACING = np.array([0.0, 0.0, -60.0]), 25.0, 10.0
@@ -77,6 +78,12 @@ def test_an_apex_without_slices_is_below_the_first_by_as_much_as_where_it_is_sta
     (tip,) = [part for part in own if part.places == ("apex",)]
     # It is stated as far below the first slice as slices are apart, less the 5 mm of their middle.
     assert tip.points[0, 2] == pytest.approx(-50.0, abs=0.5)
+
+
+def test_slices_however_close_are_no_cloud_that_ends_at_the_last_one() -> None:
+    frames = [frame_of(slices(2.0, 0.0), 2.0), frame_of(slices(-6.0, 0.0), None)]
+    assert all(any(map(lies_evenly, frame)) for frame in frames)
+    assert not any(any(map(lies_evenly, frame)) for frame in with_contour_ends(frames, None, 0))
 
 
 def test_a_gap_below_a_closed_contour_is_no_rim() -> None:
