@@ -65,7 +65,9 @@ def changed_kind(rng: np.random.Generator, noise: float) -> tuple[bool, bool]:
     shapes = (x, x + rng.normal(0.0, noise, x.shape))
     one, other = (make_template(mm.mesh_sequence(y[None], hull(), unit="mm")) for y in shapes)
     changed = one.surface != other.surface
-    return changed, changed and not all("border" in " ".join(t.notes) for t in (one, other))
+    return changed, changed and not all(
+        "border" in " ".join(map(str, t.notes)) for t in (one, other)
+    )
 
 
 def deviations_of(

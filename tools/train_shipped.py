@@ -32,6 +32,7 @@ from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training import train
 from modalmotion.mesh.sequence import MeshSequence, lattice_faces, mesh_sequence
 from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.notes import Note
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
@@ -61,19 +62,6 @@ _MOST_CUT: Final = 0.25
 _N_TRACKED_MODES: Final = 37
 _N_POINTS: Final = 2000
 
-_NO_PATIENT: Final = "The model was trained on simulated ventricles only and has seen no patient."
-_TORSION: Final = (
-    "Torsion shows only where vertices follow the tissue (tagging, feature tracking). A surface "
-    "fitted to contours slides over it, and looks as if it did not twist."
-)
-_NO_TWIST: Final = (
-    "Normal displacements do not show twist: a ventricle of reduced torsion that contracts as "
-    "usual is called normal."
-)
-_SURFACE_ALONE: Final = (
-    "The model reads the surface alone, as it moves along the normals of its mean shape, and not "
-    "where on it the points are."
-)
 _HAS_NOT_SEEN: Final = (
     "Any patient, any other simulator, and any class but these: simulated motion is simpler than a "
     "patient's, and the classes are kept apart by construction, so the accuracy says nothing of "
@@ -93,7 +81,7 @@ class Recipe:
         Hearts of each class and make.
     classes : tuple of MotionClass
         That it tells apart.
-    notes : mapping of str to tuple of str
+    notes : mapping of str to tuple of Note
         For every answer (under "") and for single classes.
     """
 
@@ -101,7 +89,7 @@ class Recipe:
     options: TrainingOptions
     n_train: int
     classes: tuple[MotionClass, ...]
-    notes: Mapping[str, tuple[str, ...]]
+    notes: Mapping[str, tuple[Note, ...]]
 
 
 _OPTIONS: Final = TrainingOptions(
@@ -116,14 +104,20 @@ RECIPES: Final = {
             replace(_OPTIONS, kind=SignatureKind.MATERIAL),
             300,
             tuple(MotionClass),
-            {"": (_NO_PATIENT,), MotionClass.REDUCED_TORSION: (_TORSION,)},
+            {
+                "": (Note.of("no_patient"),),
+                MotionClass.REDUCED_TORSION: (Note.of("twist_needs_tissue"),),
+            },
         ),
         Recipe(
             NORMAL_DISPLACEMENT_MODEL,
             replace(_OPTIONS, kind=SignatureKind.NORMAL_DISPLACEMENT),
             180,
             tuple(one for one in MotionClass if one != MotionClass.REDUCED_TORSION),
-            {"": (_NO_PATIENT, _SURFACE_ALONE), MotionClass.NORMAL: (_NO_TWIST,)},
+            {
+                "": (Note.of("no_patient"), Note.of("surface_alone")),
+                MotionClass.NORMAL: (Note.of("twist_unseen"),),
+            },
         ),
     )
 }

@@ -81,7 +81,9 @@ def test_titles_of_pictures_show_metres(in_metres: Path) -> None:
 def test_notes_on_a_single_frame_are_in_the_singular() -> None:
     vertices = np.random.default_rng(2).normal(size=(3, 12, 3))
     _, _, notes = in_time_order(vertices[[0, 1, 1, 2]], [0.0, 0.1, 0.1, 0.2])
-    assert notes == ("Repeated at the same time and dropped: 1 frame (first: frame 2).",)
+    assert [str(note) for note in notes] == [
+        "Repeated at the same time and dropped: 1 frame (first: frame 2)."
+    ]
 
 
 @pytest.mark.parametrize(

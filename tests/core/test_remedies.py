@@ -425,7 +425,7 @@ def test_a_remedy_that_is_followed_helps(one: Try) -> None:
 
 
 def notes_of(sequence: MeshSequence, **parameters: Any) -> str:
-    return " ".join(fitted(sequence, **parameters).notes)
+    return " ".join(map(str, fitted(sequence, **parameters).notes))
 
 
 def test_what_notes_advise_helps() -> None:

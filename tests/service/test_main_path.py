@@ -288,7 +288,7 @@ def test_what_the_points_follow_chooses_the_shipped_model(client: TestClient, be
     for tracking in ("material", "normal_displacement", "unknown"):
         assert client.patch(here, json={"facts": {"tracking": tracking}}).status_code == 200
         answer = client.post(f"/v1/signatures/{sequence_id}/classifications").json()
-        named.append((answer["model"], "tracking=material" in answer["notes"][0]))
+        named.append((answer["model"], "tracking=material" in answer["notes"][0]["text"]))
     normal = "ventricle-simulated-normal-displacement"
     assert named == [("ventricle-simulated", False), (normal, False), (normal, True)]
     sent = {

@@ -17,6 +17,7 @@ from modalmotion.classification.answer import Classification, ModeContribution
 from modalmotion.classification.answer_hdf5 import classification_to_hdf5
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
+from modalmotion.notes import Note
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import (
@@ -61,7 +62,7 @@ def sample_classification(sequence_id: str, model_id: str = MODEL) -> Classifica
         coverage=0.9,
         flags=(),
         explanation=(ModeContribution(("(0, 1, cos)", "(0, 1, sin)"), 1.25, 0.5, -0.75, "mm"),),
-        notes=("made up",),
+        notes=(Note("made_up", "made up"),),
         provenance={"modalmotion": "0"},
     )
 

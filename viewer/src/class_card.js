@@ -58,7 +58,7 @@ export function classCard({ waves, classification }, classify, showOnly, lead) {
       box,
       h("h2", {}, "Class (model)"),
       h("p", { class: "sentence" }, h("strong", {}, label), rest),
-      answer.notes.slice(0, 3).map((note) => h("p", { class: "note" }, noteOf(note, lead))),
+      answer.notes.slice(0, 3).map((note) => h("p", { class: "note" }, noteOf(note.text, lead))),
       reasons.length
         ? h("details", {}, h("summary", {}, "What moved the answer"), h("div", { class: "reasons" }, reasons),
           h("p", { class: "note" }, "Per length unit: change of the class score, the logarithm of the odds of this class against the next, by so much more motion of these modes."))

@@ -81,7 +81,7 @@ export class Landmarks {
     const { about } = this;
     const n = about.kind === "planes" ? `${about.shapes.length} slices` : `volumes of ${about.shapes[0].join(" × ")}`;
     this.facts.textContent = `${about.n_frames} ${about.n_frames === 1 ? "frame" : "frames"}, ${n}`;
-    if (about.notes.length) this.facts.append(h("span", { class: "note" }, ` ${about.notes.map(plain).join(" ")}`));
+    if (about.notes.length) this.facts.append(h("span", { class: "note" }, ` ${about.notes.map((note) => plain(note.text)).join(" ")}`));
     this.time.max = about.n_frames - 1;
     this.time.disabled = about.n_frames === 1;
     const step = this.stepOf();

@@ -21,8 +21,8 @@ export function noteOf(note, lead) {
 }
 
 export function notesOf({ notes: own, volume, strain, reasons }, isSoftware, lead) {
-  const all = [...own, ...(volume.notes || []), ...(strain.notes || []), ...(reasons || []), ...(isSoftware ? [SOFTWARE] : [])];
-  const notes = [...new Set(all)];
+  const all = [...own, ...(volume.notes || []), ...(strain.notes || []), ...(reasons || [])].map((note) => note.text);
+  const notes = [...new Set([...all, ...(isSoftware ? [SOFTWARE] : [])])];
   if (!notes.length) return null;
   return h("section", { class: "notes" }, h("h2", {}, "What to know"), h("ul", {}, notes.map((note) => h("li", {}, noteOf(note, lead)))));
 }

@@ -44,7 +44,7 @@ export function trackCard(track, unit, say) {
       h("table", { class: "figures" }, h("tbody", {}, rows.map(([what, value]) => h("tr", {}, h("th", { scope: "row" }, what), h("td", {}, value))))),
       unseen && h("p", { class: "note" }, unseen),
       answer.notes.length
-        ? h("details", {}, h("summary", {}, `What to know: ${answer.notes.length} notes`), answer.notes.map((note) => h("p", { class: "note" }, plain(note))))
+        ? h("details", {}, h("summary", {}, `What to know: ${answer.notes.length} notes`), answer.notes.map((note) => h("p", { class: "note" }, plain(note.text))))
         : null,
       h("div", { class: "actions" }, images && h("button", {
         type: "button",

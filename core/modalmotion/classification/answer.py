@@ -34,6 +34,7 @@ from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.mesh.spring_modes import Modes, common_count
 from modalmotion.modes.topology import CYLINDER
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature.making import (
     ModalSignature,
@@ -57,15 +58,8 @@ _STILL: Final = 1e-3
 # Parameters that signatures must share with those of the model.
 _SAME: Final = ("remove_rotation", "components")
 
-_REFERENCE_NOTE: Final = (
-    "The signature is measured from one frame, so the answer depends on which it is; fitted with "
-    "the model's signature parameters, which name the mean shape, it does not."
-)
-_TRACKING_NOTE: Final = (
-    "It is not stated whether the points follow the tissue, so the class is based on the shape of "
-    "the surface over time, which shows no twist. If they do (tagging, feature tracking), state "
-    "tracking=material."
-)
+_REFERENCE_NOTE: Final = Note.of("measured_from_frame")
+_TRACKING_NOTE: Final = Note.of("tracking_unknown")
 
 
 @shown()
@@ -123,7 +117,7 @@ class Classification(Saved, Plotted):
         Of `FLAGS`; empty where nothing speaks against the answer.
     explanation : tuple of ModeContribution
         Modes that moved the prediction, the strongest first; may be empty.
-    notes : tuple of str
+    notes : tuple of Note
         Why it abstains, and what a user should know of the model.
     provenance : dict
         Versions of the software that made it.
@@ -139,7 +133,7 @@ class Classification(Saved, Plotted):
     coverage: float
     flags: tuple[str, ...]
     explanation: tuple[ModeContribution, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     provenance: dict[str, str]
 
     @property
@@ -212,8 +206,9 @@ def classify(
     if ruled_out[likeliest]:
         low, high = model.shares[likeliest]
         notes.append(
-            f"It moves most like {model.classes[likeliest]}, but loses {share:.0%} of its volume, "
-            f"and training cases of that class {low:.0%} to {high:.0%}: that class is ruled out."
+            Note.of(
+                "class_ruled_out", label=model.classes[likeliest], share=share, low=low, high=high
+            )
         )
     probabilities = np.where(ruled_out, 0.0, probabilities)
     probabilities = probabilities / probabilities.sum()
@@ -232,16 +227,17 @@ def classify(
         # The label is in the set wherever another class is.
         held[int(probabilities.argmax())] = True
     else:
-        notes.append(
-            f"Unlike every class at {coverage:.0%}: {label} is the most probable, but less so than "
-            f"in {coverage:.0%} of the cases that are of it."
-        )
+        notes.append(Note.of("unlike_all", coverage=coverage, label=label))
     notes += [*model.notes.get(label, ()), *model.notes.get("", ())]
     few = model.too_few(coverage)
     if few:
         notes.append(
-            f"Too few cases to rule out {', '.join(few)} at a coverage of {coverage:.3g}: every "
-            f"class set contains {'it' if len(few) == 1 else 'them'}."
+            Note.of(
+                "too_few_to_rule_out",
+                classes=", ".join(few),
+                coverage=coverage,
+                them="it" if len(few) == 1 else "them",
+            )
         )
     return replace(
         _answer(signature, model, coverage, ()),
@@ -375,17 +371,16 @@ def _unreadable(signature: ModalSignature, model: Model) -> Flag | None:
     return None
 
 
-def _notes(signature: ModalSignature, model: Model) -> list[str]:
+def _notes(signature: ModalSignature, model: Model) -> list[Note]:
     """Note what a user should know of the recording."""
     notes = []
     if model.name == NORMAL_DISPLACEMENT_MODEL and signature.facts.tracking == UNKNOWN:
         notes.append(_TRACKING_NOTE)
     share = signature.deviation_share
     if share:
-        text = f"The standard deviations of its amplitudes are {share:.0%} of them"
-        if share >= _UNSURE:
-            text += ", which the probabilities do not contain: they are too sure"
-        notes.append(f"{text}.")
+        unsure = ", which the probabilities do not contain: they are too sure"
+        consequence = unsure if share >= _UNSURE else ""
+        notes.append(Note.of("amplitudes_uncertain", share=share, consequence=consequence))
     if model.signature_parameters.reference == MEAN != signature.parameters.reference:
         notes.append(_REFERENCE_NOTE)
     return notes
@@ -407,7 +402,10 @@ def _answer(
         coverage=coverage,
         flags=tuple(flag.name for flag in flags),
         explanation=(),
-        notes=(*(f"No class: {flag.words}." for flag in flags), *model.notes.get("", ())),
+        notes=(
+            *(Note.of("no_class", reason=flag.words) for flag in flags),
+            *model.notes.get("", ()),
+        ),
         provenance=provenance(),
     )
 

@@ -11,9 +11,10 @@ from modalmotion.classification.answer import Classification, ModeContribution
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.mesh import UNKNOWN
+from modalmotion.notes import notes_from_json
 from modalmotion.signature.making import SignatureParameters
 
-FORM: Final = Form("classification", 4)
+FORM: Final = Form("classification", 5)
 
 _OF_ANSWER: Final = ("classes", "label", "class_set", "coverage", "flags", "notes", "provenance")
 
@@ -104,7 +105,7 @@ def read_classification(source: bytes | Path) -> tuple[Classification, Contents]
             label=None if label is None else str(label),
             classes=classes,
             probabilities=contents.array("probabilities", (len(classes),)),
-            notes=tuple(contents.json("notes", list)),
+            notes=notes_from_json(contents.json("notes", list)),
             provenance=contents.json("provenance", dict),
             class_set=tuple(contents.json("class_set", list)),
             coverage=float(contents.json("coverage", float)),

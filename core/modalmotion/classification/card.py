@@ -12,6 +12,7 @@ from modalmotion.arguments.checking import Plotted
 from modalmotion.classification.intervals import Curve, Interval, RocCurve
 from modalmotion.classification.performance import Measured
 from modalmotion.errors import NotFoundError, ParameterError
+from modalmotion.notes import Note, notes_from_json
 from modalmotion.representation import shown
 from modalmotion.signature.making import SignatureParameters
 
@@ -46,7 +47,7 @@ class ModelCard(Plotted):
     class_coverage : dict of str to float
         Share of each class whose set held it, in cross-validation.
     mean_set_size : float
-    notes : tuple of str
+    notes : tuple of Note
         Observations from training.
     extra : dict
         Additions by its maker, such as a test on a held-out cohort.
@@ -77,7 +78,7 @@ class ModelCard(Plotted):
     is_grouped: bool = False
     class_coverage: dict[str, float] = field(default_factory=dict)
     mean_set_size: float | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     extra: dict[str, Any] = field(default_factory=dict)
     accuracy: float | None = None
     accuracy_interval: Interval | None = None
@@ -115,7 +116,8 @@ class ModelCard(Plotted):
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> ModelCard:
         """Read the output of `as_json`."""
-        return ModelCard(**{name: _tuples(value) for name, value in values.items()})
+        plain = {name: _tuples(value) for name, value in values.items()}
+        return ModelCard(**{**plain, "notes": notes_from_json(values["notes"])})
 
 
 def _tuples(value: Any) -> Any:

@@ -18,6 +18,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.notes import Note
 from modalmotion.representation import counted, shown
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 
@@ -222,13 +223,13 @@ class LeftOut(NamedTuple):
         return f"{self.name}: {self.reason}"
 
 
-def left_out_notes(cases: Sequence[LeftOut]) -> tuple[str, ...]:
+def left_out_notes(cases: Sequence[LeftOut]) -> tuple[Note, ...]:
     """Name the cases that were left out, for a card or a summary."""
     if not cases:
         return ()
     more = len(cases) - _MOST_NAMED
     return (
-        f"Cases left out: {len(cases)}.",
-        *(f"Left out: {case}" for case in cases[:_MOST_NAMED]),
-        *((f"Also left out: {counted(more, 'case')} not listed here.",) if more > 0 else ()),
+        Note.of("cases_left_out", n_cases=len(cases)),
+        *(Note.of("case_left_out", case=case) for case in cases[:_MOST_NAMED]),
+        *((Note.of("cases_also_left_out", cases=counted(more, "case")),) if more > 0 else ()),
     )

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.classification.cases import TrainingCase, case_name
+from modalmotion.notes import Note
 from modalmotion.representation import Ints, counted
 
 _TIMES_LARGER: Final = 30.0
@@ -18,10 +19,7 @@ _TIMES_LARGER: Final = 30.0
 # Cases that are named for one reason.
 _MOST_NAMED: Final = 5
 
-SUBJECT_NOTE: Final = (
-    "No subjects are given, so each recording counted as a subject of its own. If some are of "
-    "one person, give subjects; otherwise the accuracy is too optimistic."
-)
+SUBJECT_NOTE: Final = Note.of("subjects_unknown")
 
 
 # Groups that the values of a number are put into, of about equal count.
@@ -39,7 +37,7 @@ Confound = dict[str, Any]
 classes are exchanged), p, p_holm, n_known, text."""
 
 
-def cohort_notes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> tuple[str, ...]:
+def cohort_notes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> tuple[Note, ...]:
     """Name classes spelt alike, subjects unstated, and sizes far from others'.
 
     Parameters
@@ -52,28 +50,25 @@ def cohort_notes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> tuple[
     return (*_spelling(rows), *unstated, *_sizes(rows, sizes))
 
 
-def _spelling(rows: Sequence[TrainingCase]) -> Iterator[str]:
+def _spelling(rows: Sequence[TrainingCase]) -> Iterator[Note]:
     spelt: dict[str, list[str]] = {}
     for label, _ in Counter(row.label for row in rows).most_common():
         spelt.setdefault(" ".join(label.casefold().split()), []).append(label)
     for usual, *others in spelt.values():
         for label in others:
             cases = _named([_name(row) for row in rows if row.label == label])
-            yield (
-                f"The class {label[:80]!r} differs from {usual[:80]!r} in case or blanks alone: "
-                f"{cases}. If they are the same, spell them alike."
-            )
+            yield (Note.of("class_spelling", label=label[:80], usual=usual[:80], cases=cases))
 
 
-def _sizes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> Iterator[str]:
+def _sizes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> Iterator[Note]:
     away = np.array(sizes) - np.median(sizes)
     odd = np.flatnonzero(np.abs(away) > math.log(_TIMES_LARGER))
     for k in odd[:_MOST_NAMED]:
         times = float(f"{math.exp(min(away[k], 100.0)):.2g}")
-        yield f"{_name(rows[k])} is {times:g} times as large as the others: check its unit."
+        yield Note.of("size_unlike", case=_name(rows[k]), times=times)
     if len(odd) > _MOST_NAMED:
         more = counted(len(odd) - _MOST_NAMED, "further case")
-        yield f"The size of {more} differs as much from the others': check units."
+        yield Note.of("sizes_unlike", cases=more)
 
 
 def _name(row: TrainingCase) -> str:
@@ -147,13 +142,10 @@ def confounds(
     return tuple(tested)
 
 
-def confound_notes(tests: Sequence[Confound]) -> tuple[str, ...]:
+def confound_notes(tests: Sequence[Confound]) -> tuple[Note, ...]:
     """Warn of the conditions that surely separate the classes."""
     return tuple(
-        f"Possible confound: {test['text']} The model may have learnt how these recordings were "
-        "made, or their subjects, instead of their motion."
-        for test in tests
-        if test["p_holm"] < _SURE
+        Note.of("confound", finding=test["text"]) for test in tests if test["p_holm"] < _SURE
     )
 
 

@@ -28,6 +28,7 @@ from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesErro
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes.topology import MESH
+from modalmotion.notes import Note
 from modalmotion.progress import Progress
 from modalmotion.representation import Ints
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
@@ -66,7 +67,7 @@ class Cohort:
         Number of cases that were given.
     walls : bool
         Whether every case states the zero of theta.
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     readable: Readable
@@ -81,7 +82,7 @@ class Cohort:
     numbers: Ints
     n_given: int
     walls: bool
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     def __len__(self) -> int:
         return len(self.y)
@@ -207,7 +208,7 @@ class Alike(NamedTuple):
     cases: tuple[TrainingCase, ...]
     numbers: tuple[int, ...]
     left_out: tuple[LeftOut, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def signatures(self) -> list[ModalSignature]:
@@ -285,7 +286,7 @@ def alike(
             most = other.commonest()
             if leaves_out or len(most.cases) == len(other.cases):
                 basis = most.signatures[0].surface
-                note = f"Their shapes are {' or '.join(surfaces)}; all are read as {basis}."
+                note = Note.of("topology_imposed", shapes=" or ".join(surfaces), basis=basis)
                 found.append(most._replace(notes=(note,)))
     if not found:
         odd = kept.left_out
@@ -400,9 +401,9 @@ def _cohort(read: Alike, options: TrainingOptions) -> Cohort:
     n_same, most = len(read.cases) - len(cases), options.signature_parameters.modes or 0
     notes = [*left_out_notes(read.left_out), *read.notes]
     if n_same:
-        notes.append(f"{n_same} cases came twice and counted once.")
+        notes.append(Note.of("cases_repeated", n_cases=n_same))
     if options.modes is None and readable.n_modes < most:
-        notes.append(f"Not all have {most} modes: the first {readable.n_modes} are read of all.")
+        notes.append(Note.of("modes_shared", most=most, n_modes=readable.n_modes))
     return Cohort(
         readable=readable,
         motions=motions,

@@ -23,6 +23,7 @@ from modalmotion.classification.performance import (
 )
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.notes import Note
 from modalmotion.progress import Progress
 from modalmotion.representation import Floats, Ints, counted, csv_text, shown
 
@@ -96,7 +97,7 @@ class Evaluation(Performance, Plotted):
         Number of empty class sets.
     methods : str
         How the figures and their intervals are made.
-    notes : tuple of str
+    notes : tuple of Note
         Caveats, such as cases that the model was trained on.
     cases : tuple of CaseAnswer
     """
@@ -113,7 +114,7 @@ class Evaluation(Performance, Plotted):
     mean_set_size: float
     n_empty_sets: int
     methods: str
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     cases: tuple[CaseAnswer, ...]
 
     @property
@@ -243,10 +244,7 @@ def evaluation_of(
     covers = np.array([case.truth in case.class_set for case in answers])
 
     flags = sorted({flag for case in answers for flag in case.flags})
-    note = (
-        f"{n_trained} of the {len(answers)} cases are in the training set: the figures are too "
-        "optimistic. Test on other subjects, or read the card, whose figures are of held-out cases."
-    )
+    note = Note.of("tested_on_training", n_trained=n_trained, n_cases=len(answers))
     return Evaluation(
         **vars(performance(listed, abstains=True)),
         model=model.name,
@@ -342,7 +340,7 @@ class Comparison:
         Cases on which that model alone is right.
     evaluations : (Evaluation, Evaluation)
     methods : str
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     models: tuple[str, str]
@@ -357,7 +355,7 @@ class Comparison:
     only_second: int
     evaluations: tuple[Evaluation, Evaluation]
     methods: str
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON-able values."""
@@ -426,11 +424,12 @@ def comparison_of(first: Evaluation, second: Evaluation) -> Comparison:
     p = min(1.0, 2.0 * float(scipy.special.bdtr(min(won, lost), won + lost, 0.5)))
     notes, n_subjects = [], len(gains)
     if n_subjects < 10:
-        notes.append(
-            f"{counted(n_subjects, 'subject')}: so few understate how uncertain the differences "
-            "are."
-        )
-    notes += [f"{each.model}: {note}" for each in (first, second) for note in each.notes]
+        notes.append(Note.of("few_subjects", subjects=counted(n_subjects, "subject")))
+    notes += [
+        replace(note, text=f"{each.model}: {note.text}")
+        for each in (first, second)
+        for note in each.notes
+    ]
 
     def difference(figure: str, per_case: Floats) -> Difference:
         apart = per_case / len(per_case)

@@ -28,6 +28,7 @@ from modalmotion.classification.motion_features import (
 )
 from modalmotion.classification.options import MODE_COUNTS, TrainingOptions
 from modalmotion.errors import ParameterError
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints, counted
 from modalmotion.signature.value import whole_count
 
@@ -196,12 +197,12 @@ class Splits(NamedTuple):
         Folds of each; none where a class cannot be split.
     is_grouped : bool
         Whether subjects are kept together.
-    notes : list of str
+    notes : list of Note
     """
 
     repetitions: list[list[Fold]]
     is_grouped: bool
-    notes: list[str]
+    notes: list[Note]
 
 
 def split_cases(cohort: Cohort, options: TrainingOptions, cv: Folds | None = None) -> Splits:
@@ -222,7 +223,7 @@ def split_cases(cohort: Cohort, options: TrainingOptions, cv: Folds | None = Non
 
 def _drawn(
     cohort: Cohort, options: TrainingOptions, number: int
-) -> tuple[list[Fold], bool, list[str]]:
+) -> tuple[list[Fold], bool, list[Note]]:
     from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
 
     y, groups, n_classes = cohort.y, cohort.groups, len(cohort.classes)
@@ -237,15 +238,12 @@ def _drawn(
         return folds, True, []
     alone = cohort.classes[int(np.argmin(subjects))]
     what = "subject" if options.groups is None else f"value of {options.groups}"
-    note = (
-        f"The class {alone!r} has one {what} only: its recognition in another {what} was not "
-        "tested. "
-    )
     if cases < 2:
-        note += "There was no cross-validation, so class sets contain every class."
-        return [], False, [note]
-    folds = list(StratifiedKFold(min(options.folds, cases), **shuffled).split(y, y))
-    note += f"Cross-validation split recordings of one {what}, and is too optimistic."
+        folds, consequence = [], "There was no cross-validation, so class sets contain every class."
+    else:
+        folds = list(StratifiedKFold(min(options.folds, cases), **shuffled).split(y, y))
+        consequence = f"Cross-validation split recordings of one {what}, and is too optimistic."
+    note = Note.of("class_of_one", label=alone, what=what, consequence=consequence)
     return folds, False, [note]
 
 
@@ -293,16 +291,13 @@ def _own_folds(cv: Folds, cohort: Cohort) -> Splits:
             "'cv' leaves fewer than two classes to fit to in one fold.",
             remedy="Spread the cases of each class over the folds.",
         )
-    notes, groups = ["The folds are the user's own."], cohort.groups
+    notes, groups = [Note.of("own_folds")], cohort.groups
     torn = {g for inner, outer in folds for g in np.intersect1d(groups[inner], groups[outer])}
     if torn:
-        notes.append(
-            f"Subjects or groups on both sides of a split: {len(torn)}. Cross-validation is too "
-            "optimistic."
-        )
+        notes.append(Note.of("folds_torn", n_groups=len(torn)))
     for k, (inner, outer) in enumerate(folds):
         unseen = np.setdiff1d(cohort.y[outer], cohort.y[inner])
         if len(unseen):
             names = ", ".join(cohort.classes[c] for c in unseen)
-            notes.append(f"Fold {k + 1} had no case of {names} to fit to.")
+            notes.append(Note.of("fold_without_class", fold=k + 1, classes=names))
     return Splits([folds], not torn, notes)

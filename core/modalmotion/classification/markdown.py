@@ -70,7 +70,7 @@ def card_markdown(
         f"Reads: {_plain(card.reads)}" if card.reads else "",
         _table(("option", "value"), sorted(card.options.items())),
         _table(("library", "version"), sorted(card.versions.items())),
-        _list("## Caveats", card.notes),
+        _list("## Caveats", map(str, card.notes)),
         "## How to use it",
         *_use(name, version, file),
     ]

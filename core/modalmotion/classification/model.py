@@ -21,6 +21,7 @@ from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.errors import TopologyError
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
+from modalmotion.notes import Note, notes_as_json
 from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
@@ -143,7 +144,7 @@ class Model(FrozenArrays, Saved, Plotted):
         margin; infinite where it is not known.
     strangeness : tuple of (cases,) float64
         1 - (probability of the true class) of held-out cases, by class, in increasing order.
-    notes : dict of str to tuple of str
+    notes : dict of str to tuple of Note
         Notes for every answer (under "") or for one class.
     card : ModelCard
     cross_validation : CrossValidation or None
@@ -161,7 +162,7 @@ class Model(FrozenArrays, Saved, Plotted):
     outliers: OutlierDetector
     shares: Floats
     strangeness: tuple[Floats, ...]
-    notes: dict[str, tuple[str, ...]]
+    notes: dict[str, tuple[Note, ...]]
     card: ModelCard
     cross_validation: CrossValidation | None = None
 
@@ -302,6 +303,6 @@ def answering_parts(model: Model) -> tuple[Arrays, dict[str, Any]]:
             "knows_size": detector.knows_size,
             "has_unit": detector.has_unit,
         },
-        "notes": model.notes,
+        "notes": {label: notes_as_json(said) for label, said in model.notes.items()},
     }
     return arrays, texts

@@ -28,10 +28,11 @@ from modalmotion.errors import CorruptFileError, NotFoundError
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Contents, Dataset, json_text
 from modalmotion.mesh import Facts
+from modalmotion.notes import notes_from_json
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_from_json
 
-FORM: Final = Form("model", 11)
+FORM: Final = Form("model", 12)
 
 _LARGEST: Final = 512 * 2**20
 
@@ -237,7 +238,7 @@ def _model(kept: KeptModel, contents: Contents) -> Model:
             **{name: arrays[name] for name in OF_DETECTOR},
         ),
         strangeness=tuple(np.split(arrays["strangeness"], ends[:-1])),
-        notes={str(label): tuple(map(str, said)) for label, said in texts["notes"].items()},
+        notes={str(label): notes_from_json(said) for label, said in texts["notes"].items()},
         card=ModelCard.from_json(kept.card),
         cross_validation=_held_out(classes, arrays),
         **{name: arrays[name] for name in OF_MODEL},

@@ -41,6 +41,7 @@ from modalmotion.classification.outliers import OutlierDetector, detector_for
 from modalmotion.classification.performance import METHODS, CrossValidation, performance
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.notes import Note
 from modalmotion.progress import Progress, as_share, in_percent, part_of
 from modalmotion.representation import Bools, Floats, Ints
 
@@ -250,7 +251,7 @@ def _model(
     result: _Result,
     held_out: CrossValidation | None,
     card: ModelCard,
-    notes: tuple[str, ...],
+    notes: tuple[Note, ...],
 ) -> Model:
     tables, example, n = result.final.tables, cohort.motions[0], len(cohort.classes)
     X = np.concatenate([one.table.X for one in tables], axis=1)
@@ -289,7 +290,7 @@ def _card(
     splits: Splits,
     held_out: CrossValidation | None,
     fit: Fit,
-) -> tuple[ModelCard, tuple[str, ...]]:
+) -> tuple[ModelCard, tuple[Note, ...]]:
     """Card of a trained model, and the warning that every answer carries, if any."""
     labels = [cohort.classes[k] for k in cohort.y]
     people = dict.fromkeys(zip(labels, cohort.subjects, strict=True))
@@ -327,12 +328,10 @@ def _card(
     persons = np.unique(cohort.subjects, return_inverse=True)[1]
     tests = confounds(cohort.conditions, cohort.y, persons, options.seed)
     held, sizes = _cross_sets(cohort, splits.repetitions[0], held_out.probabilities[0])
-    warning: tuple[str, ...] = ()
+    warning: tuple[Note, ...] = ()
     if figures.auc_interval is not None and figures.auc_interval[0] <= 0.5:
         low, high = figures.auc_interval
-        text = f"AUC {figures.auc:.2f}, 95 % interval {low:.2f} to {high:.2f}"
-        text = f"Its answers to cases left out are no better than chance ({text}): "
-        warning = (f"{text}do not rely on this model.",)
+        warning = (Note.of("no_better_than_chance", auc=figures.auc, low=low, high=high),)
     return replace(
         card,
         **vars(figures),
@@ -359,43 +358,39 @@ def _cross_sets(cohort: Cohort, folds: Sequence[Fold], probabilities: Floats) ->
     return held, sizes
 
 
-def _notes_on_few(n_cases: dict[str, int]) -> tuple[str, ...]:
+def _notes_on_few(n_cases: dict[str, int]) -> tuple[Note, ...]:
     notes, n = [], sum(n_cases.values())
     if n < _FEW_IN_ALL or min(n_cases.values()) < _FEW_OF_A_CLASS:
-        notes.append(
-            f"Figures of so few cases ({n}) are uncertain, even if all of them are right or a loss "
-            "is 0. See the intervals, and train or test on more."
-        )
+        notes.append(Note.of("few_cases", n_cases=n))
     few = [label for label, count in n_cases.items() if count < _FEW]
     if few:
         notes.append(
-            f"Fewer than {_FEW} cases of {', '.join(few)}: class sets of 90 % always contain "
-            f"{'it' if len(few) == 1 else 'them'}."
+            Note.of(
+                "few_of_a_class",
+                fewest=_FEW,
+                classes=", ".join(few),
+                them="it" if len(few) == 1 else "them",
+            )
         )
     return tuple(notes)
 
 
-def _always(cohort: Cohort, fit: Fit) -> tuple[str, ...]:
+def _always(cohort: Cohort, fit: Fit) -> tuple[Note, ...]:
     """Note in every answer what a user must know of what the model reads."""
     if not any(one.table.extractor.reads_motion for one in fit.tables):
-        return ("The model reads the volume alone, not the motion of the surface.",)
+        return (Note.of("volume_alone"),)
     topology = cohort.motions[0].modes.topology
     if topology is not None and topology.closed_axes and not cohort.walls:
-        return (
-            "No anterior landmark (theta_zero) was given, so the class is not assigned to a wall.",
-        )
+        return (Note.of("wall_unknown"),)
     return ()
 
 
 def _weighed_note(
     cohorts: Sequence[Cohort], results: Sequence[_Result], final: int
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """Note which basis a model reads if several were compared."""
     losses = (
         f"{c.basis} {r.final.losses.mean():.3f}" for c, r in zip(cohorts, results, strict=True)
     )
-    note = (
-        f"The model reads {cohorts[final].basis}, weighed inside each fold by log losses within "
-        f"training ({', '.join(losses)}). State kind or topology to decide otherwise."
-    )
+    note = Note.of("basis_chosen", basis=cohorts[final].basis, losses=", ".join(losses))
     return (note,) if len(cohorts) > 1 else ()

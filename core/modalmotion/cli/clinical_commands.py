@@ -29,6 +29,7 @@ from modalmotion.cli.track_commands import fitted_recording, tracking_options
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import readouts_json, ventricle_readouts
 from modalmotion.errors import TopologyError
+from modalmotion.notes import Note
 from modalmotion.pictures.readouts import bulls_eye_figure, most_moved, volume_figure
 from modalmotion.representation import counted, numeral
 from modalmotion.signature.mode_names import direction_names
@@ -143,11 +144,7 @@ def score(truth: Path, answer: Path) -> Any:
         if answer.suffix.lower() == ".npz":
             deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
     result = asdict(scored(read(truth), estimated, deviations))
-    note = (
-        f"Published end-point errors are {PUBLISHED} mm, of other recordings and landmarks; "
-        "distances along the normal do not see motion within the surface and are smaller."
-    )
-    return result, described({**result, "notes": [note]})
+    return result, described({**result, "notes": [Note.of("published_errors", mm=PUBLISHED)]})
 
 
 @click.group()
@@ -237,4 +234,4 @@ def ask(
         "deviations": [{"path": name, **answer.as_json()} for name, answer in answers],
         "left_out": notes,
     }
-    return found, [*lines, *notes]
+    return found, [*lines, *map(str, notes)]

@@ -34,6 +34,7 @@ from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.formats.detect import STREAM
 from modalmotion.hdf5.form import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
+from modalmotion.notes import notes_as_json
 from modalmotion.store import write_atomic
 
 if TYPE_CHECKING:
@@ -226,7 +227,7 @@ def show(file: Path) -> Any:
         "content": "moving surface",
         "format": reading.format,
         "ignored": list(reading.ignored),
-        "notes": list(reading.notes),
+        "notes": notes_as_json(reading.notes),
     }
 
 
@@ -246,7 +247,7 @@ def _images(file: Path) -> dict[str, Any]:
         content["planes"] = len(first)
     if isinstance(first, Volume) and is_label_map(images):
         content |= {"content": "label map", "labels": values_in(first)}
-    return content | {"notes": list(images.notes)}
+    return content | {"notes": notes_as_json(images.notes)}
 
 
 def _shown(kind: str, value: Any) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from modalmotion.cli.options import (
     surface_options,
     write_picture,
 )
+from modalmotion.notes import Note
 from modalmotion.representation import numeral, probability
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def _asked(
     skips: bool,
     ask: Callable[..., Any],
     coverage: float,
-) -> tuple[Any, list[str]]:
+) -> tuple[Any, list[Note]]:
     """Put labelled sequences to models; gives what was left out on request, too."""
     from modalmotion.classification.cases import left_out_notes
 

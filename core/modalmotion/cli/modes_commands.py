@@ -25,6 +25,7 @@ from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import MESH, Topology, parse_label
+from modalmotion.notes import notes_as_json
 from modalmotion.signature.making import (
     SignatureParameters,
     resolve_parameters,
@@ -115,7 +116,7 @@ def modes(
             {"label": str(label), "angular_frequency": w}
             for label, w in zip(vibration_modes.labels, frequencies, strict=True)
         ],
-        "notes": list(vibration_modes.notes),
+        "notes": notes_as_json(vibration_modes.notes),
     }
 
 

@@ -8,7 +8,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, asdict, fields
 from enum import Enum
 from functools import reduce
 from importlib.util import find_spec
@@ -34,6 +34,7 @@ from modalmotion.exports.reading import PICTURES as PICTURES
 from modalmotion.exports.reading import write_picture as write_picture
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MEAN, Reference
+from modalmotion.notes import Note
 from modalmotion.representation import numeral
 from modalmotion.signature.parameters import USUAL_MODES, SignatureParameters
 
@@ -459,7 +460,7 @@ def example(line: str) -> str:
     return f"Example: modalmotion {line}"
 
 
-_NOTES: Final = ("notes", "flags", "left_out")
+_NOTES: Final = ("notes", "caveats", "flags", "left_out")
 _FEW: Final = 8
 # Members of an answer that are lengths, in its unit.
 _LENGTHS: Final = (
@@ -474,7 +475,9 @@ def described(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
     for name, value in answer.items():
         label = f"{indent}{name.replace('_', ' ').removeprefix('n ')}"
         if name in _NOTES and isinstance(value, list | tuple):
-            yield from (f"{indent}{'flag' if name == 'flags' else 'note'}: {one}" for one in value)
+            yield from (
+                f"{indent}{'flag' if name == 'flags' else 'note'}: {_words(one)}" for one in value
+            )
         elif isinstance(value, Mapping) and value:
             yield f"{label}:"
             yield from described(value, f"{indent}  ")
@@ -486,6 +489,11 @@ def described(answer: Mapping[str, Any], indent: str = "") -> Iterator[str]:
             yield from (f"{indent}  {row}" for row in aligned([heads, *rows]).splitlines())
         elif value is not None and (value or not isinstance(value, str | list | tuple | Mapping)):
             yield f"{label:<26} {_text(value)}{unit if name in _LENGTHS else ''}"
+
+
+def _words(one: Any) -> str:
+    """Write a note, or what was a note before it was written as JSON."""
+    return str(one["text"] if isinstance(one, Mapping) else one)
 
 
 def _text(value: Any) -> str:
@@ -516,7 +524,12 @@ def tell(
         return
     paths = [str(path) for path in written if path is not None]
     whole = {**answer, "written": paths} if paths else dict(answer)
-    click.echo(json.dumps(whole, indent=2, default=str))
+    click.echo(json.dumps(whole, indent=2, default=_plain))
+
+
+def _plain(value: object) -> object:
+    """Give what JSON has a form for."""
+    return asdict(value) if isinstance(value, Note) else str(value)
 
 
 labelled_sources = several(

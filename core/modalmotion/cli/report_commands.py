@@ -116,7 +116,7 @@ def report(
             answer = found.classification
             view = View(found.signature, found.sequence, source.name, classification=answer)
             paths = write_report(found, out, view)
-    numbers = {"quantities": [asdict(q) for q in quantities_of(found)], "notes": found.caveats}
+    numbers = {"quantities": [asdict(q) for q in quantities_of(found)], "caveats": found.caveats}
     said = (*quantity_lines(found), *(f"note: {note}" for note in found.caveats))
     return {**numbers, "written": paths}, said
 
@@ -165,7 +165,7 @@ def dicom(
             out.mkdir(parents=True, exist_ok=True)
             for name, data in pieces.items():
                 write_atomic(out / name, data)
-    return {"notes": found.caveats, "written": [out / name for name in pieces]}
+    return {"caveats": found.caveats, "written": [out / name for name in pieces]}
 
 
 @command("view beat.npz -o beat.html")

@@ -5,19 +5,15 @@ from __future__ import annotations
 import re
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import click
 
 from modalmotion.cli.files import counting
 from modalmotion.cli.options import EXISTING_FOLDER, OutputFile, OutputFolder, command, described
+from modalmotion.notes import Note
 
 _FOLDER = click.argument("folder", type=EXISTING_FOLDER, metavar="FOLDER")
-_OF_A_BACKUP: Final = (
-    "This is a backup: what was deleted since is in it. `modalmotion store restore` looks for "
-    "deletions."
-)
-_OF_A_CRASH: Final = "What is unfinished was left by a crash; opening the store repairs it."
 
 
 @click.group()
@@ -50,9 +46,9 @@ def _rebuilt(stores: dict[str, Path]) -> dict[str, Any]:
         time = backup_time(root)
         with counting("reading files") as progress:
             result = run(root, progress=progress)
-        notes = [] if time is None else [_OF_A_BACKUP]
+        notes = [] if time is None else [Note.of("is_backup")]
         if result.service_tables_lost:
-            notes.append("The index was damaged: jobs and idempotency keys are lost.")
+            notes.append(Note.of("index_damaged"))
         answer[name] = {"backup_time": time, **asdict(result), "notes": notes}
     return {"stores": answer}
 
@@ -76,8 +72,8 @@ def verify(folder: Path, owner: str | None = None) -> Any:
         time = backup_time(root)
         with counting("reading files") as progress:
             report = run(root, progress=progress)
-        notes = [] if time is None else [_OF_A_BACKUP]
-        notes += [_OF_A_CRASH] * bool(report.unfinished)
+        notes = [] if time is None else [Note.of("is_backup")]
+        notes += [Note.of("left_by_crash")] * bool(report.unfinished)
         found = {"is_sound": report.is_sound, "backup_time": time, **asdict(report)}
         answer[name] = {**found, "notes": notes}
     is_wrong = not all(one["is_sound"] for one in answer.values())
@@ -113,7 +109,7 @@ def export(folder: Path, out: Path, owner: str | None = None) -> Any:
         ) from error
     notes = []
     if owner is None and others:
-        notes = [f"Those of other owners are not in it: --owner {' or '.join(others)}."]
+        notes = [Note.of("other_owners", owners=" or ".join(others))]
     failure = click.exceptions.Exit(1) if report.failures else None
     answer = asdict(report)
     failures = [{"sequence": name[:12], "reason": reason} for name, reason in report.failures]
@@ -167,10 +163,7 @@ def restore(
 
     with counting("copying") as progress:
         report = run(copy, folder, deletions=deletions, progress=progress)
-    note = (
-        f"What was deleted after {report.as_of} is in {folder} again: nothing here shows what that "
-        "was. Remains of the old folder may: name them with --deletions."
-    )
+    note = Note.of("deletions_unknown", since=str(report.as_of), folder=str(folder))
     notes = [] if report.knows_deletions else [note]
     return {**asdict(report), **_rebuilt(_stores_of(folder, None)), "notes": notes}
 

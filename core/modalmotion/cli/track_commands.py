@@ -32,6 +32,7 @@ from modalmotion.formats.volumes import read_images
 from modalmotion.formats.volumes.reading import holds_images
 from modalmotion.images import ImageSequence
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.notes import notes_as_json
 from modalmotion.pictures.track import (
     data_figure,
     determined_figure,
@@ -304,7 +305,7 @@ def segment(
         "found": found.found[0],
         "papillary": found.papillary,
         "papillary_volume_ml": found.papillary_volume / _MM3_PER_ML,
-        "notes": list(result.notes),
+        "notes": notes_as_json(result.notes),
     }
 
 

@@ -17,6 +17,7 @@ from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.facts import UNKNOWN
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, PLANE
+from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, Ints, counted, numeral, shown, with_article
 from modalmotion.signature.fit import make_basis
@@ -69,7 +70,7 @@ class ClinicalReadouts(Plotted):
     n_openings : int
         Of the surface, each capped by a fan to the mean of its vertices.
     sequence_id, template_id : str
-    notes : tuple of str
+    notes : tuple of Note
         Caveats for the user.
     is_tracked : bool
         Whether the surface was tracked, and its own errors are known.
@@ -83,7 +84,7 @@ class ClinicalReadouts(Plotted):
     n_openings: int
     sequence_id: str
     template_id: str
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     is_tracked: bool = False
 
     @property
@@ -245,12 +246,12 @@ def clinical_readouts(
     )
 
 
-def _of_track(known: Uncertainty | None) -> tuple[str, ...]:
+def _of_track(known: Uncertainty | None) -> tuple[Note, ...]:
     """Note that the surface was tracked, with its caveats."""
     if known is None or known.volumes is None:
         return ()
     convention = ", papillary muscles subtracted" if known.papillary_volume else ""
-    text = f"The surface was tracked from {known.source}{convention}; intervals include its errors."
+    text = Note.of("tracked", source=known.source, convention=convention)
     return (text, *known.notes)
 
 
@@ -295,38 +296,27 @@ def _measured(cavity: Cavity, used: Ints, positions: Floats) -> tuple[Floats, Fl
     return cavity.volume(positions), np.sqrt(squares[:, used].max(axis=1))
 
 
-def _unlikely(unit: str | None, volume: float) -> tuple[str, ...]:
+def _unlikely(unit: str | None, volume: float) -> tuple[Note, ...]:
     """Note a volume that no heart has: lengths ten times too large make it a thousandfold."""
     if unit is None or _MOUSE <= volume * millilitres_in(unit) <= _ELEPHANT:
         return ()
     amount = numeral(volume * millilitres_in(unit), 1)
-    return (
-        (
-            f"The surface encloses {amount} ml, which no ventricle does: check the unit, which "
-            f"is stated as {unit}."
-        ),
-    )
+    return ((Note.of("volume_unlikely", volume=amount, unit=unit)),)
 
 
-def _slow(sequence: MeshSequence) -> tuple[str, ...]:
+def _slow(sequence: MeshSequence) -> tuple[Note, ...]:
     """Note a beat that lasts longer than any heartbeat."""
     times, beat = sequence.times, sequence.facts.period
     if beat is None and times is not None:
         beat = float(times[-1] - times[0])
     if beat is None or beat <= _LONGEST:
         return ()
-    return (
-        (
-            f"The beat lasts {beat:.3g} s, longer than any heartbeat: rates of ejection and "
-            "filling are wrong if times are not in seconds. State the interval of frames in "
-            "seconds, or send one beat alone."
-        ),
-    )
+    return ((Note.of("beat_too_long", seconds=beat)),)
 
 
-def _notes(own: Floats, volumes: Floats, name: Fraction) -> tuple[str, ...]:
+def _notes(own: Floats, volumes: Floats, name: Fraction) -> tuple[Note, ...]:
     if len(own) == 1:
-        return ("There is only one frame, so nothing is ejected.",)
+        return (Note.of("nothing_ejected"),)
     for curve, what, remedy in (
         (own, "the surface", "Send the frames without it."),
         (volumes, "the surface superposed from the modes", "Ask for more modes."),
@@ -335,16 +325,17 @@ def _notes(own: Floats, volumes: Floats, name: Fraction) -> tuple[str, ...]:
         if inverted.size:
             return (
                 (
-                    f"In {counted(inverted.size, 'frame')} (first: frame {inverted[0]}) {what} is "
-                    f"turned inside out: {with_article(name.words)} would be above 100 %, which is "
-                    f"impossible, so none is given. {remedy}"
+                    Note.of(
+                        "inside_out",
+                        frames=counted(inverted.size, "frame"),
+                        first=inverted[0],
+                        surface=what,
+                        share=with_article(name.words),
+                        remedy=remedy,
+                    )
                 ),
             )
     if name == Fraction.VOLUME_CHANGE:
-        text = (
-            "It is not stated that this surface is a cavity, so the relative change of its volume "
-            "is called volume change. State the fact cavity (lv, rv, la, ra or other) if "
-            "it is one."
-        )
+        text = Note.of("cavity_unknown")
         return (text,)
     return ()

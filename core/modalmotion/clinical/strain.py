@@ -37,6 +37,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts, cavity_of
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CUP, SPHERE
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
@@ -119,7 +120,7 @@ class Strain(Plotted):
         Its source: a mesh as sent, or a track.
     reason : str
         Why there are rings only; empty if there are segments.
-    notes : tuple of str
+    notes : tuple of Note
     sequence_id : str
     """
 
@@ -135,7 +136,7 @@ class Strain(Plotted):
     layer: str
     source: str
     reason: str
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     sequence_id: str
 
     def __repr__(self) -> str:
@@ -444,7 +445,7 @@ def _segments(
     return at_places(template, facts, np.repeat(places.ways, places.shape[1]), reference)
 
 
-def _notes(template: Template) -> tuple[str, ...]:
+def _notes(template: Template) -> tuple[Note, ...]:
     if template.surface == SPHERE:
-        return ("The surface is closed, so lines run from pole to pole and no base is left out.",)
+        return (Note.of("lines_from_pole_to_pole"),)
     return ()

@@ -20,6 +20,7 @@ from modalmotion.clinical.wall_motion import DIRECTIONS
 from modalmotion.errors import InputError
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.notes import Note, notes_as_json
 from modalmotion.representation import Floats, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on
@@ -42,7 +43,7 @@ class VentricleReadouts(Plotted):
         None unless it is stated that vertices follow the tissue.
     per_mode : Sensitivities or None
         Effect of a unit of each amplitude on the read-outs.
-    reasons : tuple of str
+    reasons : tuple of Note
         Reasons of those that are None.
     """
 
@@ -51,7 +52,7 @@ class VentricleReadouts(Plotted):
     strain: Strain | None
     torsion: Torsion | None
     per_mode: Sensitivities | None
-    reasons: tuple[str, ...]
+    reasons: tuple[Note, ...]
 
 
 def ventricle_readouts(
@@ -74,13 +75,13 @@ def ventricle_readouts(
         The one that the signature's parameters name, if they name one.
     """
     start, end = readouts.mesh_curve.end_diastole, readouts.mesh_curve.end_systole
-    reasons: list[str] = []
+    reasons: list[Note] = []
 
     def attempt(make: Callable[[], T]) -> T | None:
         try:
             return make()
         except InputError as error:
-            reasons.append(str(error))
+            reasons.append(Note.of("not_computed", reason=str(error)))
             return None
 
     return VentricleReadouts(
@@ -207,7 +208,7 @@ def strain_json(strain: Strain) -> dict[str, Any]:
         "found_by": "largest and smallest volume",
         "layer": strain.layer,
         "source": strain.source,
-        "notes": list(strain.notes),
+        "notes": notes_as_json(strain.notes),
     }
 
 

@@ -122,7 +122,7 @@ def modal_animation(
     )
 
 
-FORM: Final = Form("vibration_modes", 1)
+FORM: Final = Form("vibration_modes", 2)
 
 
 def modes_to_npz(modes: VibrationModes) -> bytes:

@@ -155,7 +155,7 @@ def to_html(signature: ModalSignature) -> str:
     others = len(signature.modes) - len(order)
     more = f"<p>and {counted(others, 'mode')} with less</p>" if others else ""
     notes = "".join(
-        f"<li>{escape(note[:_LONGEST_NOTE])}</li>" for note in signature.notes[:_MOST_NOTES]
+        f"<li>{escape(note.text[:_LONGEST_NOTE])}</li>" for note in signature.notes[:_MOST_NOTES]
     )
     return (
         f"<div><p><strong>Modal signature</strong>: {escape(signature.surface)}, {n} of "

@@ -46,7 +46,7 @@ def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
     reading = read_recording(Path(path), options)
     for note in reading.notes:
         # Of the caller, through the check of its arguments.
-        warnings.warn(note, stacklevel=3)
+        warnings.warn(note.text, stacklevel=3)
     return reading.sequence
 
 

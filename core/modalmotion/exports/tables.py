@@ -306,7 +306,7 @@ def to_xarray(
         "template_id": signature.template_id,
         "rms_error": signature.rms_error,
         "facts": json.dumps(facts_as_json(signature.facts)),
-        "notes": "\n".join(signature.notes),
+        "notes": "\n".join(map(str, signature.notes)),
         "provenance": json.dumps(signature.provenance),
     }
     return xarray.Dataset(variables, coordinates, attributes)

@@ -12,6 +12,7 @@ import numpy as np
 from modalmotion.errors import ConnectivityError, ShapeError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
+from modalmotion.notes import Note
 from modalmotion.representation import Ints
 
 TRACK: Final = "`modalmotion track`"
@@ -47,7 +48,7 @@ class Frame:
         Not checked yet: indices may be out of range.
     is_soup : bool
         Whether each face has three vertices of its own, as in STL.
-    notes : tuple of str
+    notes : tuple of Note
         Changes to the polygons.
     ignored : tuple of str
         Unused content of the file.
@@ -59,7 +60,7 @@ class Frame:
     positions: FloatArray
     faces: Ints
     is_soup: bool = False
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     ignored: tuple[str, ...] = ()
     statements: tuple[tuple[str, str], ...] = ()
 
@@ -90,11 +91,11 @@ class Triangles:
     Parameters
     ----------
     faces : (faces, 3) int64
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     faces: Ints
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def triangulate(sizes: Integers, corners: Integers, limits: ReadLimits = NO_LIMITS) -> Triangles:
@@ -121,12 +122,9 @@ def triangulate(sizes: Integers, corners: Integers, limits: ReadLimits = NO_LIMI
     sizes, corners = (np.asarray(values, dtype=np.int64) for values in (sizes, corners))
     notes = []
     if (n_fans := int((sizes > 3).sum())) > 0:
-        notes.append(
-            f"Polygons of more than three corners ({n_fans}) were split into triangles, each as a "
-            "fan from its first corner."
-        )
+        notes.append(Note.of("polygons_split", n_polygons=n_fans))
     if (n_dropped := int((sizes < 3).sum())) > 0:
-        notes.append(f"Polygons of fewer than three corners ({n_dropped}) were left out.")
+        notes.append(Note.of("polygons_dropped", n_polygons=n_dropped))
     if not n_fans and not n_dropped:
         return Triangles(corners.reshape(-1, 3), ())
     counts = np.maximum(sizes - 2, 0)

@@ -33,6 +33,7 @@ from modalmotion.formats.result import Answer, Parser, Reading
 from modalmotion.formats.vtk_xml import xml_tree
 from modalmotion.limits import NO_LIMITS, TEXT_UNFOLDING, ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.notes import Note
 from modalmotion.progress import Progress
 from modalmotion.representation import counted
 
@@ -93,7 +94,7 @@ class Listing(NamedTuple):
     names: tuple[str, ...]
     times: tuple[float, ...] | None
     others: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 _malformed: Final = partial(
@@ -137,7 +138,7 @@ def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Listing:
             raise _malformed(f"An entry of the series file has {what}.")
     limits.require("frames", len(entries))
     ordered = sorted(entries, key=lambda entry: entry[0])
-    notes = ("The frames were sorted by their times.",) if ordered != entries else ()
+    notes = (Note.of("frames_sorted"),) if ordered != entries else ()
     times, names = zip(*ordered, strict=True)
     return Listing(names, times, notes=notes)
 
@@ -188,7 +189,7 @@ def list_frames(names: list[str], read: Callable[[str], bytes], limits: ReadLimi
         (source,), there = lists, set(visible)
         series = read_series(read(source), limits)
         listed = tuple(_beside(source, name, there, k) for k, name in enumerate(series.names))
-        unit = f"{source[-60:]!r} has no unit of time; its values count as seconds."
+        unit = Note.of("time_unit_unknown", file=source[-60:])
         others = tuple(sorted(there - {source, *listed}))
         return Listing(listed, series.times, others, (*series.notes, unit))
     frames = [name for name in visible if name.lower().endswith(FRAME_SUFFIXES)]
@@ -203,7 +204,7 @@ def list_frames(names: list[str], read: Callable[[str], bytes], limits: ReadLimi
     return Listing(ordered, None, others, notes_on_numbers(ordered))
 
 
-def notes_on_numbers(names: tuple[str, ...]) -> tuple[str, ...]:
+def notes_on_numbers(names: tuple[str, ...]) -> tuple[Note, ...]:
     """Note gaps in the numbers in the names of frames: nothing else would show them.
 
     Parameters
@@ -220,10 +221,11 @@ def notes_on_numbers(names: tuple[str, ...]) -> tuple[str, ...]:
     if not missing:
         return ()
     first = next(k for k, step in enumerate(steps) if step > min(steps))
-    note = (
-        f"The numbers in the names leave out {counted(missing, 'frame')}, first between "
-        f"{names[first][-60:]!r} and {names[first + 1][-60:]!r}: a file may be missing. Frames "
-        "are counted as they come; without stated times they count as evenly spaced."
+    note = Note.of(
+        "frames_missing",
+        frames=counted(missing, "frame"),
+        before=names[first][-60:],
+        after=names[first + 1][-60:],
     )
     return (note,)
 

@@ -25,6 +25,7 @@ from modalmotion.formats.vtk_xml import read_vtk_xml
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_from_texts
 from modalmotion.mesh.checks import FloatArray
+from modalmotion.notes import Note
 from modalmotion.progress import Progress
 
 
@@ -101,8 +102,11 @@ class FrameStack:
         notes = list(first.notes)
         if self._merge is not None:
             notes.append(
-                f"STL contains no vertices: {len(self._merge.vertex_of)} corners that coincide in "
-                f"frame 0 became {len(self._merge.first)} vertices in all frames."
+                Note.of(
+                    "stl_merged",
+                    n_corners=len(self._merge.vertex_of),
+                    n_vertices=len(self._merge.first),
+                )
             )
         return reading_of(
             self._vertices,

@@ -20,6 +20,7 @@ from modalmotion.formats.glb_writing import BINARY, JSON, MAGIC, OURS, VERSION
 from modalmotion.formats.result import Reading, reading_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import NO_FACTS, Facts
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints
 
 _TRIANGLES: Final = 4
@@ -521,16 +522,13 @@ def _placed(mesh: _Mesh, weights: Floats, M: Floats) -> Floats:
     return placed + M[:, None, :3, 3]
 
 
-def _notes(positions: NDArray[Any], n_targets: int, channels: Channels) -> list[str]:
+def _notes(positions: NDArray[Any], n_targets: int, channels: Channels) -> list[Note]:
     notes = []
     if not channels:
-        notes.append("No animation in the file moves a mesh: there is one frame.")
+        notes.append(Note.of("no_animation"))
     elif n_targets == 0:
-        notes.append("The mesh has no morph targets: it moves as a rigid body.")
+        notes.append(Note.of("no_morph_targets"))
     n_twice = len(positions) - len(np.unique(positions, axis=0))
     if n_twice:
-        notes.append(
-            f"{n_twice} vertices coincide with another: exporters split vertices along seams of "
-            "normals and textures. Export without both to keep the surface whole."
-        )
+        notes.append(Note.of("vertices_split", n_vertices=n_twice))
     return notes

@@ -27,6 +27,7 @@ from modalmotion.formats.vtk_xml import xml_tree
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.notes import Note, notes_as_json
 from modalmotion.representation import Ints
 
 _NAMES: Final = {
@@ -68,10 +69,10 @@ def aliases_in(names: Iterable[str]) -> dict[str, str] | None:
     return found if all(name in found for name in _NEEDED) else None
 
 
-def note_on(aliases: Mapping[str, str]) -> tuple[str, ...]:
+def note_on(aliases: Mapping[str, str]) -> tuple[Note, ...]:
     """Note which arrays were read under other names."""
     other = [f"{theirs!r} as {ours}" for ours, theirs in aliases.items() if ours != theirs]
-    return (f"Read {', '.join(other)}.",) if other else ()
+    return (Note.of("arrays_renamed", arrays=", ".join(other)),) if other else ()
 
 
 def parse_matlab(data: bytes, limits: ReadLimits) -> Parsed:
@@ -138,7 +139,7 @@ def _parsed(
     info = {
         "format": kind,
         "ignored": [name for name in names if name not in aliases.values()],
-        "notes": [*note_on(aliases), *notes],
+        "notes": notes_as_json([*note_on(aliases), *notes]),
     }
     return info, arrays
 
@@ -171,7 +172,7 @@ def positions_in(array: NDArray[Any], *, is_matlab: bool) -> NDArray[Any]:
     )
 
 
-def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[Ints, tuple[str, ...]]:
+def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[Ints, tuple[Note, ...]]:
     """Give triangles as rows that count vertices from 0, with a note where they counted from 1.
 
     Raises
@@ -189,7 +190,7 @@ def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[Ints, tuple[str, ...
         )
     rows = (whole if whole.shape[1] == _DIRECTIONS else whole.T).astype(np.int64)
     if len(rows) and rows.min() == 1 and rows.max() == n_vertices:
-        return rows - 1, ("Faces count vertices from 1.",)
+        return rows - 1, (Note.of("faces_from_1"),)
     return rows, ()
 
 
@@ -356,7 +357,7 @@ def _frame(grid: Element, domain: Element, numbers: Callable[[Element], NDArray[
         raise _bad_xdmf(f"The cells of the XDMF file are {kind[:40]!r}, not 'Triangle'.")
     positions = numbers(geometry).reshape(-1, 3)
     faces, _ = faces_in(numbers(topology).reshape(-1, 3), -1)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     others = grid.findall("Attribute")
     moved = [one for one in others if one.get("Name", "").lower() in _DISPLACEMENT][:1]
     for one in moved:
@@ -367,7 +368,7 @@ def _frame(grid: Element, domain: Element, numbers: Callable[[Element], NDArray[
                 remedy="Save a displacement for each vertex.",
             )
         positions = positions + u
-        notes = (f"The displacement {one.get('Name')!r} was added to the vertices.",)
+        notes = (Note.of("displacement_added", array=one.get("Name")),)
     if positions.dtype != np.float32:
         positions = positions.astype(np.float64)
     ignored = tuple(one.get("Name", "")[:40] for one in others if one not in moved)

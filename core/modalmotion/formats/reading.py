@@ -14,6 +14,7 @@ from modalmotion.formats.npz import read_npz
 from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Answer, Parser, Reading, ReadOptions, reading_of
 from modalmotion.mesh import facts_from_json
+from modalmotion.notes import notes_from_json
 from modalmotion.progress import Progress
 
 
@@ -28,7 +29,7 @@ def _result(answer: Answer) -> Reading:
         times=arrays.get("times"),
         unit=info.get("unit"),
         facts=facts_from_json(info.get("facts", {})),
-        notes=info["notes"],
+        notes=notes_from_json(info["notes"]),
         ignored=tuple(info["ignored"]),
     )
 

@@ -16,6 +16,7 @@ from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.checks import FloatArray, given_up, require_times
 from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
 from modalmotion.modes.topology import Topology
+from modalmotion.notes import Note
 from modalmotion.representation import Ints, shown
 
 Source = Literal["file", "format", "caller"]
@@ -39,7 +40,7 @@ class Reading:
         not. Positions are never turned.
     unit_from, times_from : {"file", "format", "caller"} or None
         Who states the unit and the times; None if they are unknown.
-    notes : tuple of str
+    notes : tuple of Note
         Changes and assumptions of the reader.
     """
 
@@ -49,7 +50,7 @@ class Reading:
     coordinate_system: str | None = None
     unit_from: Source | None = None
     times_from: Source | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def reading_of(
@@ -63,7 +64,7 @@ def reading_of(
     unit: str | None = None,
     facts: Facts = NO_FACTS,
     unit_from: Source = "file",
-    notes: Iterable[str] = (),
+    notes: Iterable[Note] = (),
     **more: Any,
 ) -> Reading:
     """Make the sequence of what a reader found, its frames in the order of their times.
@@ -77,7 +78,7 @@ def reading_of(
     grid, topology, times, unit, facts
         As of `mesh_sequence`.
     unit_from : {"file", "format"}
-    notes : iterable of str
+    notes : iterable of Note
     **more
         Further fields of the reading.
 
@@ -86,7 +87,7 @@ def reading_of(
     InputError
         If they form no sequence.
     """
-    added: tuple[str, ...] = ()
+    added: tuple[Note, ...] = ()
     if times is not None and vertices.ndim == 3:
         vertices, times, added = in_time_order(vertices, times)
     sequence = mesh_sequence(
@@ -175,9 +176,7 @@ class ReadOptions:
         notes, unit_from, times_from = list(result.notes), result.unit_from, result.times_from
         if self.unit is not None:
             if sequence.unit not in (None, self.unit):
-                notes.append(
-                    f"The file is in {sequence.unit}; it was taken for {self.unit}, as stated."
-                )
+                notes.append(Note.of("unit_replaced", unit=sequence.unit, stated=self.unit))
             sequence, unit_from = sequence.with_unit(self.unit), "caller"
         if self.times is not None or self.frame_interval is not None:
             interval = self.frame_interval or 0.0
@@ -194,7 +193,7 @@ class ReadOptions:
             facts = self.facts.over(sequence.facts)
             changed = facts.changed(sequence.facts)
             notes += [
-                f"The file states another {name} than its sender, whose statement counts."
+                Note.of("fact_replaced", fact=name)
                 for name in said
                 if name in known and name in changed
             ]

@@ -30,6 +30,7 @@ from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.checks import given_up
 from modalmotion.mesh.sequence import FORM, TRACK, MeshSequence, sequence_from_hdf5
+from modalmotion.notes import Note, notes_as_json
 from modalmotion.representation import Floats, Ints
 
 _TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
@@ -97,7 +98,7 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
         )
     notes = list(faces.notes)
     if surface.times and _OURS not in file:
-        notes.append("The format has no unit of time; its values were read as seconds.")
+        notes.append(Note.of("vtkhdf_time_unit_unknown"))
     groups = (name for name in ("PointData", "CellData", "FieldData") if name in root)
     info = {
         "format": "vtkhdf",
@@ -108,7 +109,7 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
             *(f"{group}.{name}" for group in groups for name in root[group]),
             *(name for name in _OTHERS if skipped.get(name)),
         ],
-        "notes": notes,
+        "notes": notes_as_json(notes),
     }
     vertices = _positions(surface, limits)
     return info, {"vertices": vertices, "faces": faces.faces, **surface.times}
@@ -357,7 +358,7 @@ def _require_field(name: str, values: NDArray[Any], sequence: MeshSequence) -> N
 
 
 _STORED: Final = "modalmotion."
-_OF_TRACK: Final = "The file is a track: its surface was read, without the errors that it states."
+_OF_TRACK: Final = Note.of("read_as_surface")
 
 
 def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
@@ -414,6 +415,6 @@ def _parse_ours(data: bytes, limits: ReadLimits, form: Form) -> Parsed:
         "grid": sequence.grid,
         "facts": facts_as_json(sequence.facts),
         "ignored": [],
-        "notes": [_OF_TRACK] if form == TRACK else [],
+        "notes": notes_as_json([_OF_TRACK] if form == TRACK else []),
     }
     return info, arrays

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -45,8 +45,9 @@ class Dataset(NamedTuple):
 
 
 def json_text(name: str, value: object) -> Dataset:
-    """Dataset that contains a value as JSON, in ASCII."""
-    return Dataset(name, np.array(json.dumps(value, sort_keys=True).encode()), "none", "")
+    """Dataset that contains a value as JSON, in ASCII; dataclasses as objects."""
+    text = json.dumps(value, sort_keys=True, default=asdict)
+    return Dataset(name, np.array(text.encode()), "none", "")
 
 
 def sealed_image(attributes: Mapping[str, Attribute], datasets: Sequence[Dataset]) -> bytes:

@@ -13,9 +13,10 @@ from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Contents, Dataset, json_text, write_sealed
 from modalmotion.images.sequence import Image, ImageSequence, parts_of
 from modalmotion.images.volume import Plane, PlaneSet, Volume
+from modalmotion.notes import notes_from_json
 from modalmotion.representation import Floats
 
-FORM: Final = Form("images", 1)
+FORM: Final = Form("images", 2)
 
 
 class _Part(NamedTuple):
@@ -95,7 +96,7 @@ def _images_in(contents: Contents) -> ImageSequence:
         tuple(map(_frame, parts)),
         None if times is None else np.array(times),
         about["period"],
-        tuple(contents.json("notes", list)),
+        notes_from_json(contents.json("notes", list)),
     )
 
 

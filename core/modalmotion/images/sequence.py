@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ShapeError
 from modalmotion.images.volume import Plane, PlaneSet, Volume, slices_of
 from modalmotion.mesh.checks import require_times
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, FrozenArrays, shown
 
 Image: TypeAlias = Volume | PlaneSet
@@ -38,14 +39,14 @@ class ImageSequence(FrozenArrays):
     times : (frames,) float64, s, or None
     period : float or None, s
         Of the cycle, where the file states it.
-    notes : tuple of str
+    notes : tuple of Note
         Of the file, for the user.
     """
 
     frames: tuple[Image | None, ...]
     times: Floats | None = None
     period: float | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frames", tuple(self.frames))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 
 FloatArray = NDArray[np.float32] | Floats
@@ -313,7 +314,7 @@ class Uncertainty(FrozenArrays):
         Of the errors of the largest and of the smallest volume.
     papillary_volume : float, length unit cubed
         Muscle within the surface that does not count as cavity.
-    notes : tuple of str
+    notes : tuple of Note
         Caveats of how the surface was found.
     """
 
@@ -327,7 +328,7 @@ class Uncertainty(FrozenArrays):
     volumes: Floats | None = None
     volume_correlation: float = 0.0
     papillary_volume: float = 0.0
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("shapes", "across", "along", "rest", "alike"):

@@ -41,6 +41,7 @@ from modalmotion.modes.topology import (
     lattice_coordinates,
     require_shape,
 )
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, FrozenArrays, Ints, counted, shown
 
 MM_PER_UNIT: Final[dict[str, float]] = {
@@ -309,7 +310,7 @@ def _require_grid(grid: tuple[int, ...] | None, topology: Topology | None, n_ver
         require_shape(topology, grid)
 
 
-def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tuple[str, ...]]:
+def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tuple[Note, ...]]:
     """Sort frames by their time stamps, and drop repetitions.
 
     Parameters
@@ -340,10 +341,7 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
     notes = []
     if (np.diff(stamps) < 0).any():
         first = int(np.flatnonzero(np.diff(stamps) < 0)[0]) + 1
-        notes.append(
-            f"The frames were out of order (first: frame {first}) and were sorted by time; "
-            "frames are counted in the new order."
-        )
+        notes.append(Note.of("frames_reordered", first=first))
     sorted_times = stamps[order]
     repeats = np.flatnonzero(np.diff(sorted_times) == 0) + 1
     for at in repeats.tolist():
@@ -356,8 +354,11 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
             )
     if len(repeats):
         notes.append(
-            f"Repeated at the same time and dropped: {counted(len(repeats), 'frame')} (first: "
-            f"frame {int(order[repeats[0]])})."
+            Note.of(
+                "frames_repeated",
+                frames=counted(len(repeats), "frame"),
+                first=int(order[repeats[0]]),
+            )
         )
     distinct = np.delete(order, repeats)
     return vertices[distinct], stamps[distinct].astype(np.float64), tuple(notes)
@@ -366,7 +367,7 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
 FORM: Final = Form("sequence", 2)
 """Version 1 had no facts."""
 
-TRACK: Final = Form("track", 3)
+TRACK: Final = Form("track", 4)
 """Of a track, which contains its sequence in the same way."""
 
 

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, numeral, shown
 
 # First words of the columns about an axis.
@@ -125,7 +126,7 @@ class Deviation:
         Those that are accounted for.
     warnings : tuple of str
         In what this recording was not made like the controls: then a p-value says that, too.
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     norm: str
@@ -140,7 +141,7 @@ class Deviation:
     quantities: tuple[QuantityDeviation, ...]
     covariates: tuple[str, ...]
     warnings: tuple[str, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     @property
     def lines(self) -> str:

@@ -40,11 +40,12 @@ from modalmotion.norm.deviation import (
     strangeness,
     without_covariates,
 )
+from modalmotion.notes import Note, notes_as_json, notes_from_json
 from modalmotion.representation import Floats, counted, numeral, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.value import first_modes
 
-FORM: Final = Form("norm", 4)
+FORM: Final = Form("norm", 5)
 
 QUANTITIES: Final = ("share", "end_diastolic_volume", "end_systolic_volume")
 """Share of the volume that is lost, percent; volumes, ml, NaN where the unit is unknown."""
@@ -105,7 +106,7 @@ class Norm(Saved):
     columns : tuple of str
         Names of the features.
     controls : tuple of Reading
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     name: str
@@ -113,7 +114,7 @@ class Norm(Saved):
     extractor: Extractor
     columns: tuple[str, ...]
     controls: tuple[Reading, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def n_controls(self) -> int:
@@ -210,7 +211,7 @@ class Norm(Saved):
                 f"{math.ceil(1000.0 / (n + 1)) / 1000.0:g}.",
                 details={"n_controls": n, "needed": fewest},
             )
-        is_control = "It is one of the controls, and is compared with the others."
+        is_control = Note.of("is_control")
         bag = [*controls, own]
         names, remarks = _accounted_for(controls, own)
         covariates = covariate_table([one.covariates for one in bag], names)
@@ -262,7 +263,7 @@ class Norm(Saved):
             "covariates": sorted(set.intersection(*stated)),
             "smallest_level": 1.0 / (self.n_controls + 1),
             "has_volumes": bool(np.isfinite([own.quantities[0] for own in self.controls]).all()),
-            "notes": list(self.notes),
+            "notes": notes_as_json(self.notes),
         }
 
 
@@ -323,9 +324,9 @@ def covariate_table(
     return np.array(columns, dtype=np.float64).reshape(-1, len(covariates)).T
 
 
-def _accounted_for(controls: Sequence[Reading], own: Reading) -> tuple[list[str], list[str]]:
+def _accounted_for(controls: Sequence[Reading], own: Reading) -> tuple[list[str], list[Note]]:
     """Covariates that all controls state and that are accounted for, and why others are not."""
-    bag, names, notes = [one.covariates for one in (*controls, own)], list[str](), []
+    bag, names, notes = [one.covariates for one in (*controls, own)], list[str](), list[Note]()
     most = max(len(controls) // _PER_COLUMN - 1, 0)
     for name in sorted(set.intersection(*(set(one) for one in bag[:-1]))):
         theirs, mine = {one[name] for one in bag[:-1]}, bag[-1].get(name)
@@ -342,7 +343,7 @@ def _accounted_for(controls: Sequence[Reading], own: Reading) -> tuple[list[str]
         else:
             names.append(name)
             continue
-        notes.append(f"{name} is not accounted for: {reason}.")
+        notes.append(Note.of("covariate_unused", covariate=name, reason=reason))
     return names, notes
 
 
@@ -534,7 +535,7 @@ def norm_from_hdf5(source: bytes | Path) -> Norm:
                 )
                 for text, own, numbers in zip(texts, values, quantities, strict=True)
             ),
-            notes=tuple(map(str, contents.json("notes", list))),
+            notes=notes_from_json(contents.json("notes", list)),
         )
         if norm.id != contents.text("norm_id"):
             raise ValueError("its contents are not those that its id names")

@@ -14,6 +14,7 @@ from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import LEVEL, fewest_controls
 from modalmotion.norm.norm import Norm, reading_of
+from modalmotion.notes import Note
 from modalmotion.progress import Progress
 from modalmotion.representation import counted
 from modalmotion.signature.making import SignatureKind, SignatureParameters
@@ -83,8 +84,13 @@ def train_norm(
     notes = []
     if len(cases) < fewest_controls(LEVEL):
         notes.append(
-            f"With {counted(len(cases), 'control')} no p-value is below 1/{len(cases) + 1}; a "
-            f"level of {LEVEL} needs {fewest_controls(LEVEL)}."
+            Note.of(
+                "few_controls",
+                controls=counted(len(cases), "control"),
+                n_readings=len(cases) + 1,
+                level=LEVEL,
+                needed=fewest_controls(LEVEL),
+            )
         )
     return Norm(
         name=name,

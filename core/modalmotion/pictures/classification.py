@@ -55,7 +55,7 @@ def answer_figure(result: Classification) -> Figure:
     width = 5.6 * n_panels + 0.6
     # Equal probabilities are not a measurement, so an answer without a class has no bars.
     notes = result.notes[: len(result.flags) or _MOST_NOTES]
-    text = "\n".join(fill(note, int(_LETTERS_PER_INCH * width)) for note in notes)
+    text = "\n".join(fill(note.text, int(_LETTERS_PER_INCH * width)) for note in notes)
     bars = 1.6 + 0.34 * max(n_classes, n_modes, 3) if has_label else 0.6
     height = bars + _LINE * (text.count("\n") + 1) * bool(text)
     below, above = (height - bars) / height, 0.35 / height

@@ -79,7 +79,7 @@ class Report:
             theirs = f"Recorded differently from the controls of {self.deviation.norm}"
             notes += [f"{theirs}: {words}" for words in self.deviation.warnings]
         for result in (self.deviation, self.signature, self.readouts, self.classification):
-            notes += () if result is None else result.notes
+            notes += () if result is None else map(str, result.notes)
         # Readers of a report have no command line.
         plain = [_OF_FACTS.sub("so", _OF_COMMANDS.sub("", n)) for n in (*notes, *self.absent)]
         return tuple(dict.fromkeys(plain))
@@ -150,7 +150,7 @@ def report_of(
     except InputError as error:
         absent.append(error.message)
     if ventricle is not None:
-        absent += ventricle.reasons
+        absent += map(str, ventricle.reasons)
     return Report(
         signature=signature,
         sequence=sequence,

@@ -11,6 +11,7 @@ import numpy as np
 from modalmotion.errors import ParameterError, ToleranceError
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, counted, shown
 from modalmotion.signature.fit import Fit, Fitter, FrameErrors, errors_of, make_basis
 from modalmotion.signature.nested_modes import (
@@ -105,16 +106,19 @@ COMPACT: Final = 10
 """Coordinates for each amplitude of a frame, from which a signature is called compact."""
 
 
-def note_on_compactness(n_modes: int, n_vertices: int) -> str:
+def notes_on_compactness(n_modes: int, n_vertices: int) -> list[Note]:
     """Return a note if so many modes are no longer compact and more than the usual number."""
     if n_modes <= USUAL_MODES or n_modes * COMPACT <= n_vertices:
-        return ""
-    return (
-        f"{n_modes} modes of {n_vertices} vertices are no longer compact: "
-        f"{n_vertices / n_modes:.1f} coordinates for each amplitude of a frame. Ask for at most "
-        f"{counted(max(n_vertices // COMPACT, 1), 'mode')}, or keep the sequence itself as a "
-        "stream (encode)."
-    )
+        return []
+    return [
+        Note.of(
+            "not_compact",
+            n_modes=n_modes,
+            n_vertices=n_vertices,
+            ratio=n_vertices / n_modes,
+            most=counted(max(n_vertices // COMPACT, 1), "mode"),
+        )
+    ]
 
 
 @shown("asked", "limit", "limit_of", "scene", "noise.sigma")
@@ -161,28 +165,33 @@ class ModelChoice:
             errors={SceneKind(k): SceneError(**e) for k, e in values["errors"].items()},
         )
 
-    def notes(self, fit: Fit, unit: str | None) -> list[str]:
+    def notes(self, fit: Fit, unit: str | None) -> list[Note]:
         """Describe what the choice rests on."""
         notes = [] if self.noise is None else [self.noise.note(unit)]
         if self.scene != SceneKind.DEFORMABLE:
-            text = (
-                f"The scene is {self.scene}: {NUMBERS[self.scene]} numbers a frame leave "
-                f"{self.errors[self.scene].rms:.3g} {unit or 'length units'} RMS."
+            size, numbers = fit.amplitudes[0].size, NUMBERS[self.scene]
+            is_more = self.scene == SceneKind.AFFINE and size > numbers
+            notes.append(
+                Note.of(
+                    "scene",
+                    scene=self.scene.value,
+                    numbers=numbers,
+                    rms=self.errors[self.scene].rms,
+                    unit=unit or "length units",
+                    modes=f" As modes it takes {size} amplitudes." if is_more else "",
+                )
             )
-            if self.scene == SceneKind.AFFINE and fit.amplitudes[0].size > NUMBERS[self.scene]:
-                text += f" As modes it takes {fit.amplitudes[0].size} amplitudes."
-            notes.append(text)
         return notes
 
 
-def choose_fit(fitter: Fitter) -> tuple[Fit, ModelChoice, list[str]]:
+def choose_fit(fitter: Fitter) -> tuple[Fit, ModelChoice, list[Note]]:
     """Fit as few modes as the parameters' tolerance, or the noise, asks for.
 
     Returns
     -------
     fit : Fit
     choice : ModelChoice
-    notes : list of str
+    notes : list of Note
 
     Raises
     ------
@@ -208,7 +217,7 @@ def choose_fit(fitter: Fitter) -> tuple[Fit, ModelChoice, list[str]]:
     kind = next(holding, SceneKind.DEFORMABLE)
     noise = None if found is None else found.noise
     choice = ModelChoice("auto" if found else "tolerance", limit, of, noise, kind, errors)
-    notes: list[str] = []
+    notes: list[Note] = []
     if kind == SceneKind.STATIC:
         fit = replace(
             smallest,
@@ -224,13 +233,11 @@ def choose_fit(fitter: Fitter) -> tuple[Fit, ModelChoice, list[str]]:
     else:
         nested, count = modes_until_noise(fitter, found)
         fit = limited(fitter, fitter.fit(nested.basis.first(count)))
-        notes = [*nested.notes, note_on_compactness(count, sequence.n_vertices)]
+        notes = [*nested.notes, *notes_on_compactness(count, sequence.n_vertices)]
         if count == nested.counts[-1]:
             reason = nested.ends_because or f"a signature has at most {MOST_MODES} modes"
-            notes.append(
-                f"The residual of {count} modes still shows motion above the noise, but {reason}."
-            )
-    return fit, choice, [*filter(None, notes), *choice.notes(fit, sequence.unit)]
+            notes.append(Note.of("motion_left", n_modes=count, reason=reason))
+    return fit, choice, [*notes, *choice.notes(fit, sequence.unit)]
 
 
 def limit_of(parameters: SignatureParameters, sequence: MeshSequence) -> float:
@@ -258,7 +265,7 @@ _ROUNDING_OF_MOTION: Final = 1e-12
 _FIRST: Final = 64
 
 
-def _smallest_within(fitter: Fitter, limit: float) -> tuple[Fit, list[str]]:
+def _smallest_within(fitter: Fitter, limit: float) -> tuple[Fit, list[Note]]:
     """Smallest whole set whose error, as measured on its own fit, holds a limit."""
     sequence, kind = fitter.sequence, fitter.parameters.tolerance_of
     n, best = _FIRST, (np.inf, 0)
@@ -270,8 +277,7 @@ def _smallest_within(fitter: Fitter, limit: float) -> tuple[Fit, list[str]]:
             fit = limited(fitter, fitter.fit(basis))
             if fit.errors.over_frames(kind) <= limit:
                 n_modes = len(basis.modes)
-                note = note_on_compactness(n_modes, sequence.n_vertices)
-                return fit, [*nested.notes, note]
+                return fit, [*nested.notes, *notes_on_compactness(n_modes, sequence.n_vertices)]
         least = int(np.argmin(errors))
         best = min(best, (float(errors[least]), int(nested.counts[least])))
         if nested.ends_because or n >= MOST_MODES:

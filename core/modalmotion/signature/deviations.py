@@ -29,6 +29,7 @@ from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats
 from modalmotion.signature.fit import Basis, Fit, Fitter, make_basis
@@ -259,7 +260,7 @@ def _from_reference(own: Floats, between_frames: float, reference: Reference) ->
     return deviations
 
 
-def deviations_of(fitter: Fitter, fit: Fit, noise: Noise | None) -> tuple[Floats, list[str]]:
+def deviations_of(fitter: Fitter, fit: Fit, noise: Noise | None) -> tuple[Floats, list[Note]]:
     """Propagate what is known of the positions' errors to the amplitudes.
 
     Parameters
@@ -272,11 +273,11 @@ def deviations_of(fitter: Fitter, fit: Fit, noise: Noise | None) -> tuple[Floats
     Returns
     -------
     deviations : (frames, modes, n) float64, length unit
-    notes : list of str
+    notes : list of Note
         What they come from.
     """
     sequence, template, parameters = fitter.sequence, fitter.template, fitter.parameters
-    uncertainty, notes, words = sequence.uncertainty, [], "the deviations of the track"
+    uncertainty, notes, words = sequence.uncertainty, list[Note](), "the deviations of the track"
     if uncertainty is None:
         words = "the noise of the vertices"
         if noise is None:
@@ -314,4 +315,4 @@ def deviations_of(fitter: Fitter, fit: Fit, noise: Noise | None) -> tuple[Floats
                 variances += (turned.along(basis.projector) - own) ** 2
         deviations = np.sqrt(variances)
         words += ", and from how far they leave axis and zero of theta undecided"
-    return deviations, [*notes, f"The standard deviations of the amplitudes follow from {words}."]
+    return deviations, [*notes, Note.of("deviations_from", source=words)]

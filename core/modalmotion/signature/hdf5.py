@@ -15,12 +15,13 @@ from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.spring_modes import Modes, SpringModes
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import MESH, Topology
+from modalmotion.notes import notes_from_json
 from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.template.template import landmark_datasets, landmarks_from
 
-FORM: Final = Form("signature", 5)
+FORM: Final = Form("signature", 6)
 
 # Unit and axes of what names modes.
 _OF_MODES: Final = {
@@ -158,7 +159,7 @@ def _signature(contents: Contents) -> ModalSignature:
         parameters=parameters,
         sequence_id=contents.text("sequence_id"),
         template_id=contents.text("template_id"),
-        notes=tuple(contents.json("notes", list)),
+        notes=notes_from_json(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
         choice=(
             ModelChoice.from_json(contents.json("choice", dict))

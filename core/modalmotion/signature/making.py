@@ -17,9 +17,10 @@ from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.geometry import cavity_of
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import PLANE, Topology
+from modalmotion.notes import Note
 from modalmotion.progress import ShareReport, Stopwatch, silent
 from modalmotion.representation import Floats, Ints, counted, numeral
-from modalmotion.signature.choice import choose_fit, note_on_compactness
+from modalmotion.signature.choice import choose_fit, notes_on_compactness
 from modalmotion.signature.deviations import deviations_of
 from modalmotion.signature.fit import Fit, Fitter, make_basis
 from modalmotion.signature.nested_modes import limited
@@ -141,14 +142,16 @@ def modal_signature(
                 fit = limited(fitter, fit)
             notes += words
             if len(chosen) > USUAL_MODES:
-                note = note_on_compactness(len(chosen), sequence.n_vertices)
-                notes += [note] if note else []
+                notes += notes_on_compactness(len(chosen), sequence.n_vertices)
     modes = fit.basis.modes
     undetermined = np.flatnonzero(~fit.rotations.is_determined)
     if undetermined.size:
         notes.append(
-            f"The rotation is not determined in {counted(undetermined.size, 'frame')} (first: "
-            f"frame {undetermined[0]}): the points span less than a plane or fit several rotations."
+            Note.of(
+                "rotation_undetermined",
+                frames=counted(undetermined.size, "frame"),
+                first=undetermined[0],
+            )
         )
     deviations, noise = None, None if choice is None else choice.noise
     with watch.stage("notes"):
@@ -159,7 +162,7 @@ def modal_signature(
     if parameters.template is not None:
         notes += _notes_on_parting(sequence, own_template)
     if not fit.motion.max.any():
-        notes.append("Nothing moves: every frame equals the reference.")
+        notes.append(Note.of("nothing_moves"))
     return ModalSignature(
         modes=modes.names,
         amplitudes=fit.amplitudes,
@@ -253,7 +256,7 @@ def _versions() -> dict[str, str]:
     return {name: version(name) for name in ("modalmotion", "numpy", "scipy", "h5py")}
 
 
-def _notes_on_parting(sequence: MeshSequence, template: Template) -> list[str]:
+def _notes_on_parting(sequence: MeshSequence, template: Template) -> list[Note]:
     """Name vertices that are one on a template of another sequence, and lie apart in this one."""
     first = template.representatives
     merged = np.flatnonzero(first != np.arange(len(first)))
@@ -263,19 +266,22 @@ def _notes_on_parting(sequence: MeshSequence, template: Template) -> list[str]:
         return []
     return [
         (
-            f"{counted(len(apart), 'vertex', 'vertices')} that the template merges with another "
-            f"lie apart in this sequence (first: vertex {apart[0]} from {first[apart[0]]}). "
-            "They move together in its modes; the errors count each."
+            Note.of(
+                "merged_vertices_apart",
+                vertices=counted(len(apart), "vertex", "vertices"),
+                first=apart[0],
+                other=first[apart[0]],
+            )
         )
     ]
 
 
-def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[str]:
+def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[Note]:
     notes = []
     if sequence.n_frames == 1:
-        notes.append("There is only one frame, so there is no motion to describe.")
+        notes.append(Note.of("one_frame"))
     if sequence.unit is None:
-        notes.append("The length unit is unknown; lengths are in the unit of the input.")
+        notes.append(Note.of("unit_unknown"))
     if sequence.vertices.dtype == np.float32:
         # Direction by direction: along the memory, extremes are ten times as fast.
         x = np.ascontiguousarray(reference_positions(sequence, reference).T)
@@ -283,10 +289,7 @@ def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[str
         extent = float((high - low).max())
         step = float(np.spacing(np.float32(max(-low.min(), high.max()))))
         if extent > 0 and step > 1e-5 * extent:
-            notes.append(
-                f"The coordinates are stored as float32 far from the origin: they are rounded "
-                f"to {step:.2g}, which no fit can undo. Store float64, or shift the origin."
-            )
+            notes.append(Note.of("stored_rounded", step=step))
     return notes
 
 
@@ -300,7 +303,7 @@ _OF_ERROR: Final = 0.5
 _FACTOR: Final = 3.0
 
 
-def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> list[str]:
+def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> list[Note]:
     """Name the frame with the largest error, and its vertex, if they are out of place.
 
     Costs nothing where the errors are those of a surface that moves.
@@ -315,7 +318,7 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
 
     Returns
     -------
-    list of str
+    list of Note
         Empty, or one note.
     """
     start, unit = template.vertices, sequence.unit or "length units"
@@ -338,11 +341,8 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
         after = _lengths(sequence.vertices[suspect].astype(np.float64), sides, extent)
         length = float(np.median(after))
         if not usual / _FACTOR <= length <= usual * _FACTOR:
-            text = (
-                f"Frame {suspect} does not go with the others: half of its edges are "
-                f"{length / usual if usual > 0 else np.inf:.3g} times as long as in the reference. "
-                "Its vertices may be numbered otherwise, or be in another unit; send it again or "
-                "leave it out."
+            text = Note.of(
+                "frame_unlike", frame=suspect, ratio=length / usual if usual > 0 else np.inf
             )
             return [text]
     growth = np.full(len(start), np.inf)
@@ -353,10 +353,13 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
         return []
     vertex = int(growth.argmax())
     more = "" if len(strays) == 1 else f" ({len(strays)} such vertices in this frame)"
-    text = (
-        f"Frame {frame}, vertex {vertex} is out of place: each edge to its neighbours is at least "
-        f"{numeral(float(growth[vertex]) * extent)} {unit} longer than in the reference{more}. "
-        "Correct the vertex or its number, or leave the frame out: the errors stated here count it."
+    text = Note.of(
+        "vertex_astray",
+        frame=frame,
+        vertex=vertex,
+        distance=numeral(float(growth[vertex]) * extent),
+        unit=unit,
+        more=more,
     )
     return [text]
 

@@ -11,6 +11,7 @@ import numpy as np
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.spring_modes import whole_counts
 from modalmotion.modes import whole_count
+from modalmotion.notes import Note
 from modalmotion.numeric.scales import orthonormal, power_of_two
 from modalmotion.representation import Floats, Ints
 from modalmotion.signature.fit import Basis, Fit, Fitter, largest_sound
@@ -37,14 +38,14 @@ class NestedModes:
         Numbers of modes that split no cosine-sine pair, increasing.
     ends_because : str
         Why there is no larger set; empty if there may be one.
-    notes : tuple of str
+    notes : tuple of Note
         Caveats about the modes.
     """
 
     basis: Basis
     counts: Ints
     ends_because: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def nested_modes(template: Template, n_modes: int, grid: tuple[int, ...] | None) -> NestedModes:

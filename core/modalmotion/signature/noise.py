@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
+from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, shown
 from modalmotion.signature.fit import Fitter
@@ -66,26 +67,26 @@ class Noise:
     rounding: float
     modes: int
 
-    def note(self, unit: str | None) -> str:
+    def note(self, unit: str | None) -> Note:
         """Describe the estimate and what it rests on."""
         unit = unit or "length units"
         size = f"{self.sigma:.3g} {unit}"
         if self.highest is None:
-            return f"One frame is too few to estimate noise; {size} was assumed."
+            return Note.of("noise_assumed", size=size)
         if self.sigma <= self.rounding:
-            return (
-                f"The noise is that of the stored numbers, {size} a coordinate; no other shows, so "
-                "modes are added until they describe rounding. Ask by tolerance for fewer."
-            )
-        text = (
-            f"The noise was estimated at {size} a coordinate (standard deviation; between "
-            f"{self.lowest:.3g} and {self.highest:.3g} {unit}), with correlations of "
-            f"{self.between_neighbours:.2f} between neighbours and {self.between_frames:.2f} "
-            f"between frames, from {self.modes} modes and what they leave."
+            return Note.of("noise_of_rounding", size=size)
+        is_wide = self.highest > WIDE * self.lowest
+        return Note.of(
+            "noise",
+            size=size,
+            lowest=self.lowest,
+            highest=self.highest,
+            unit=unit,
+            neighbours=self.between_neighbours,
+            frames=self.between_frames,
+            n_modes=self.modes,
+            doubt=" Motion and noise are hard to distinguish here." * is_wide,
         )
-        if self.highest > WIDE * self.lowest:
-            text += " Motion and noise are hard to distinguish here."
-        return text
 
     def displacement_rms(self, n_frames: int, reference: Reference, n_directions: int = 3) -> float:
         """RMS displacement that noise alone makes, the reference's own included, length unit."""

@@ -11,6 +11,7 @@ import scipy
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints, numeral, shown
 from modalmotion.signature.making import (
     ModalSignature,
@@ -205,14 +206,11 @@ def resample(sequence: MeshSequence, phases: Floats | list[float] | float | int)
     return Resampled(moved, at, np.sqrt(scale) * _deviations(own, left, at), interpolation)
 
 
-def note_on(resampled: Resampled) -> str:
+def note_on(resampled: Resampled) -> Note:
     """Return a note on the deviation of the surfaces between frames."""
     unit = resampled.sequence.unit or "length units"
     most = float(resampled.rms_deviations.max())
-    return (
-        f"Between frames each coordinate may be off by {numeral(most, 2)} {unit} (standard "
-        f"deviation, RMS over the surface, at worst), found by leaving out frames."
-    )
+    return Note.of("between_frames", distance=numeral(most, 2), unit=unit)
 
 
 def _phases(phases: Floats | list[float] | float | int) -> Floats:

@@ -12,6 +12,7 @@ from modalmotion.arguments.checking import Plotted, whole
 from modalmotion.errors import InputError, ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
+from modalmotion.notes import notes_as_json
 from modalmotion.progress import Stopwatch
 from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature.choice import NUMBERS, SceneError, SceneKind, limit_of, simple_motions
@@ -446,5 +447,5 @@ def _chosen(chosen: Chosen) -> dict[str, Any]:
         "modes": len(signature.modes),
         "labels": [str(label) for label in signature.modes.labels],
         "harmonics": signature.parameters.harmonics,
-        "notes": list(signature.notes),
+        "notes": notes_as_json(signature.notes),
     }

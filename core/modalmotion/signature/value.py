@@ -12,6 +12,7 @@ from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.spring_modes import Modes, whole_counts
 from modalmotion.modes.topology import MESH, Topology
+from modalmotion.notes import Note
 from modalmotion.numeric.scales import root_mean_square
 from modalmotion.representation import Floats, shown
 from modalmotion.signature.choice import ModelChoice
@@ -67,7 +68,7 @@ class ModalSignature(Saved, Plotted):
     parameters : SignatureParameters
         As requested; `modes` may have been rounded up, or be None.
     sequence_id, template_id : str
-    notes : tuple of str
+    notes : tuple of Note
         Caveats for the user.
     provenance : dict
         Versions of the software that made it.
@@ -103,7 +104,7 @@ class ModalSignature(Saved, Plotted):
     parameters: SignatureParameters
     sequence_id: str
     template_id: str
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     provenance: dict[str, str]
     choice: ModelChoice | None = None
     amplitude_deviations: Floats | None = None

@@ -248,7 +248,7 @@ FORM: Final = JsonForm(
     3,
     "Run `modalmotion store rebuild`, which writes it anew from what else is known.",
 )
-IMAGES_FORM: Final = JsonForm("images-record", 2, "Delete the images, and send them again.")
+IMAGES_FORM: Final = JsonForm("images-record", 3, "Delete the images, and send them again.")
 
 LONGEST_NAME: Final = 200
 

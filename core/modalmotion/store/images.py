@@ -11,6 +11,7 @@ from typing import Any
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.images import ImageSequence, Plane, PlaneSet
 from modalmotion.images.sequence import parts_of
+from modalmotion.notes import Note, notes_from_json
 from modalmotion.representation import shown
 from modalmotion.store.deletion import bury_and_remove
 from modalmotion.store.disk import rename
@@ -43,7 +44,7 @@ class ImagesRecord:
     period : float or None, s
     n_bytes : int
         Of the samples.
-    notes : tuple of str
+    notes : tuple of Note
         Of the reader.
     created : str
         When they were put, UTC, ISO 8601 with microseconds.
@@ -67,7 +68,7 @@ class ImagesRecord:
     times: tuple[float, ...] | None
     period: float | None
     n_bytes: int
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     created: str = ""
     is_kept: bool = False
     tracks: tuple[str, ...] = ()
@@ -107,8 +108,9 @@ def read_images_record(path: Path) -> ImagesRecord:
     """
     values = IMAGES_FORM.read(path)
     try:
-        return ImagesRecord(**{name: _tupled(value) for name, value in values.items()})
-    except TypeError as error:
+        plain = {name: _tupled(value) for name, value in values.items()}
+        return ImagesRecord(**{**plain, "notes": notes_from_json(values["notes"])})
+    except (TypeError, KeyError) as error:
         raise IMAGES_FORM.damaged(path, str(error)) from error
 
 

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
+from modalmotion.notes import Note
 from modalmotion.progress import ShareReport, silent
 from modalmotion.representation import Floats
 from modalmotion.template.axis import (
@@ -64,10 +65,10 @@ def cup_coordinates(
     report : callable, optional
         Told the share that is done.
     """
-    notes: list[str] = []
+    notes: list[Note] = []
     u = _torsion(surface, report)
     if u is None:
-        notes.append("The triangles are too thin to solve on; s is the height along the axis.")
+        notes.append(Note.of("coordinates_by_height"))
         cap = np.ones_like(surface.areas)
     else:
         cap = np.clip(u, 0.0, 1.0) ** _CAP
@@ -77,10 +78,7 @@ def cup_coordinates(
     theta = azimuth(offsets, axes.axis, axes.zero)
     s = height_along(offsets, axes.axis) if u is None else (1 - np.clip(u, 0.0, 1.0)) ** _EXPONENT
     if len(surface.openings) > 2:
-        notes.append(
-            f"All {len(surface.openings)} openings are taken for one base; the modes of a cup "
-            "fit such a surface less well than one with a single base."
-        )
+        notes.append(Note.of("several_openings", n_openings=len(surface.openings)))
     landmarks = landmarks_at(
         surface,
         places,
@@ -222,12 +220,12 @@ def cylinder_coordinates(
     origin = origin_on(surface, axis, places)
     offsets = surface.vertices - origin
     theta = azimuth(offsets, axis, axes.zero)
-    notes: list[str] = []
+    notes: list[Note] = []
     held = np.concatenate([near.vertices, far.vertices])
     values = np.repeat([0.0, 1.0], [len(near.vertices), len(far.vertices)])
     s = potential(surface, np.zeros(len(theta)), held, values, report)
     if s is None:
-        notes.append("The triangles are too thin to solve on; s is the height along the axis.")
+        notes.append(Note.of("coordinates_by_height"))
         s = height_along(offsets, axis)
     landmarks = landmarks_at(
         surface, places, axes, origin, near.centre, far.centre, {"apex": 1.0, "base": 1.0}
@@ -295,11 +293,11 @@ def sphere_coordinates(
     origin = origin_on(surface, axis, places)
     height = surface.offsets @ axis
     theta = azimuth(surface.vertices - origin, axis, axes.zero)
-    notes: list[str] = []
+    notes: list[Note] = []
     none = np.zeros(0, dtype=np.int64)
     u = potential(surface, surface.areas * height, none, np.zeros(0), report)
     if u is None:
-        notes.append("The triangles are too thin to solve on; s is the angle of the height.")
+        notes.append(Note.of("coordinates_by_angle"))
         u = height
     used = np.ones(len(u), dtype=np.bool_)
     used[surface.connectivity.isolated] = False

@@ -12,6 +12,7 @@ from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.mesh.triangles import curve_weights
 from modalmotion.modes.topology import CYLINDER, SPHERE, Topology, lattice_coordinates
+from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.representation import Floats, Ints, counted
@@ -48,7 +49,7 @@ def shares_of(
     surface: Surface,
     sequence: MeshSequence,
     topology: Topology | None,
-    notes: list[str],
+    notes: list[Note],
     first: Ints,
 ) -> Floats:
     """Shares of vertices in rotation, fit and error, (vertices,) float64; they add up to 1.
@@ -58,7 +59,7 @@ def shares_of(
     surface : Surface
     sequence : MeshSequence
     topology : Topology or None
-    notes : list of str
+    notes : list of Note
         Told where there are no areas to weigh by.
     first : (vertices,) int64
         The vertex that stands for each.
@@ -69,16 +70,16 @@ def shares_of(
     if is_curve and topology is not None:
         areas = curve_weights(surface.vertices, topology)
     elif not len(surface.faces):
-        notes.append("There are no areas to weigh by; all vertices count alike.")
+        notes.append(Note.of("areas_unknown"))
         return np.full(n, 1.0 / n)
     total = float(areas.sum())
     if not total > 0:
-        notes.append("The surface has no area; all vertices count alike.")
+        notes.append(Note.of("area_zero"))
         return np.full(n, 1.0 / n)
     # What stands for others has their weight too.
     weightless = int((areas[first] == 0).sum())
     if weightless:
-        notes.append(f"{weightless} vertices belong to no area and have no weight in the fit.")
+        notes.append(Note.of("vertices_without_weight", n_vertices=weightless))
     shares: Floats = areas / total
     return shares
 
@@ -199,15 +200,13 @@ def make_template(
             coordinates = None
         elif cover < _FOLDED:
             notes.append(
-                f"The coordinates fold: they cover their range {cover:.2f} times instead of once, "
-                f"so the surface is described badly. Where the axis is wrong, state "
-                f"{_places_wanted(topology)}, or another topology."
+                Note.of("coordinates_fold", cover=cover, landmarks=_places_wanted(topology))
             )
     if topology is not None and coordinates is None:
         topology, reason = None, f"The surface is a {topology}, but around no straight axis."
     require_used(own_landmarks, topology, is_lattice=sequence.grid is not None)
     if reason and topology is None:
-        notes.append(f"{reason} The modes are those of springs along the edges of this mesh.")
+        notes.append(Note.of("spring_modes_used", reason=reason))
     shares = shares_of(surface, sequence, topology, notes, first)
     id_ = template_id(
         sequence,
@@ -267,7 +266,7 @@ def _recognised_in_frame_0(
 
 
 def _decide(
-    sequence: MeshSequence, surface: Surface, closed_form: bool, notes: list[str]
+    sequence: MeshSequence, surface: Surface, closed_form: bool, notes: list[Note]
 ) -> tuple[Topology | None, str]:
     """Topology whose modes to use, or None and why."""
     stated = sequence.topology
@@ -299,7 +298,7 @@ def _decide(
         )
     topology, reason = recognise(surface)
     if topology is not None and reason:
-        notes.append(reason)
+        notes.append(Note.of("topology_doubtful", reason=reason))
     return topology, reason
 
 
@@ -375,21 +374,23 @@ def _carried_over(values: Floats, start: Floats, isolated: Ints) -> Floats:
     return values
 
 
-def _notes_on_merging(representatives: Ints) -> list[str]:
+def _notes_on_merging(representatives: Ints) -> list[Note]:
     """Note how many vertices were merged with others: see `Template.representatives`."""
     others = np.flatnonzero(representatives != np.arange(len(representatives)))
     if not len(others):
         return []
     n = counted(len(others), "vertex", "vertices")
-    text = (
-        f"{n} of {len(representatives)} coincide with an earlier one in every frame (first: vertex "
-        f"{others[0]} with {representatives[others[0]]}) and were merged with it; amplitudes and "
-        "errors count all that were sent."
+    text = Note.of(
+        "vertices_merged",
+        vertices=n,
+        n_all=len(representatives),
+        first=others[0],
+        other=representatives[others[0]],
     )
     return [text]
 
 
-def _notes_on_mesh(surface: Surface, isolated: Ints) -> list[str]:
+def _notes_on_mesh(surface: Surface, isolated: Ints) -> list[Note]:
     """Name the parts of a mesh outside its surface.
 
     Parameters
@@ -401,34 +402,28 @@ def _notes_on_mesh(surface: Surface, isolated: Ints) -> list[str]:
     degenerate, repeated = surface.connectivity.degenerate, surface.connectivity.repeated
     notes = []
     if len(isolated):
-        notes.append(
-            f"{len(isolated)} vertices belong to no triangle (first: {isolated[0]}); "
-            "they have no weight in the fit, and are moved as the nearest vertex of the surface."
-        )
+        notes.append(Note.of("vertices_isolated", n_vertices=len(isolated), first=isolated[0]))
     if len(degenerate):
         notes.append(
-            f"{len(degenerate)} triangles name a vertex twice (first: face "
-            f"{degenerate[0]}); they were left out."
+            Note.of("triangles_degenerate", n_triangles=len(degenerate), first=degenerate[0])
         )
     if len(repeated):
         notes.append(
-            f"{counted(len(repeated), 'triangle')} repeat an earlier one (first: face "
-            f"{repeated[0]}) and count once."
+            Note.of(
+                "triangles_repeated",
+                triangles=counted(len(repeated), "triangle"),
+                first=repeated[0],
+            )
         )
     return notes
 
 
-def _note_on_border(cover: float, border: float) -> str:
+def _note_on_border(cover: float, border: float) -> Note:
     """Note that a closed surface is near the border between the two kinds of modes."""
-    return (
-        f"The kind of modes is near its border: the coordinates of a sphere cover this surface "
-        f"{cover:.2f} times, and below {border:g} it has the springs of its own mesh. Another "
-        "recording of it may have the other kind; where several are compared, name one template "
-        "or state one topology, sphere or mesh, for all."
-    )
+    return Note.of("kind_near_border", cover=cover, border=border)
 
 
-def _notes_on_landmarks(coordinates: Coordinates) -> list[str]:
+def _notes_on_landmarks(coordinates: Coordinates) -> list[Note]:
     """Name the landmarks that the shape does not determine."""
     if coordinates.landmarks is None:
         return []
@@ -440,14 +435,17 @@ def _notes_on_landmarks(coordinates: Coordinates) -> list[str]:
         "start": "Which corner s and t start from",
     }
     weak = [name for name in meaning if name in coordinates.landmarks.weak]
-    notes = [
-        f"{meaning[name]} is not determined by the shape; state "
-        f"{_places_wanted(coordinates.topology, name)}."
+    has_pairs = "theta_zero" in weak and coordinates.topology.closed_axes
+    pairs = " Cosine and sine of a pair can only be compared together."
+    return [
+        Note.of(
+            "landmark_undetermined",
+            what=meaning[name],
+            landmarks=_places_wanted(coordinates.topology, name),
+            pairs=pairs if has_pairs and name == weak[-1] else "",
+        )
         for name in weak
     ]
-    if "theta_zero" in coordinates.landmarks.weak and coordinates.topology.closed_axes:
-        notes[-1] += " Cosine and sine of a pair can only be compared together."
-    return notes
 
 
 def _places_wanted(topology: Topology, weak: str = "axis") -> str:

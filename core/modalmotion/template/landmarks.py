@@ -12,6 +12,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh import Corners, Facts, Place
 from modalmotion.mesh.facts import CORNERS, landmark_of
 from modalmotion.modes.topology import CLOSED, Topology
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, shown
 from modalmotion.template.surface import Surface
 
@@ -267,11 +268,11 @@ class Coordinates:
         s from 0 to 1 on open and pole axes, theta in turns on closed ones.
     landmarks : Landmarks or None
         None where there is no axis.
-    notes : tuple of str
+    notes : tuple of Note
         Caveats for the user.
     """
 
     topology: Topology
     values: Floats
     landmarks: Landmarks | None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()

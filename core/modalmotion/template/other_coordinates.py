@@ -9,6 +9,7 @@ import numpy as np
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.triangles import curve_weights, step_lengths
 from modalmotion.modes.topology import CLOSED_CURVE, PLANE, TORUS, Topology
+from modalmotion.notes import Note
 from modalmotion.progress import ShareReport, part_of, silent
 from modalmotion.representation import Floats, Ints
 from modalmotion.template.axis import (
@@ -71,13 +72,13 @@ def plane_coordinates(
     ParameterError
         If the corners do not follow one another along the rim.
     """
-    notes: list[str] = []
+    notes: list[Note] = []
     values = None
     if "corners" in places:
         corners = _rim_positions(surface, places["corners"])
         values = _between_corners(surface, corners, report)
         if values is None:
-            notes.append("The triangles are too thin to solve on; the corners were not used.")
+            notes.append(Note.of("corners_unused"))
     if values is None:
         columns = []
         for direction in axes.matrix.T[:2]:
@@ -230,9 +231,9 @@ def curve_coordinates(
     steps = step_lengths(vertices, topology)
     total = float(steps.sum())
     reached = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
-    notes: list[str] = []
+    notes: list[Note] = []
     if not total > 0:
-        notes.append("The curve has no length; its vertices are taken to be evenly spread.")
+        notes.append(Note.of("curve_without_length"))
         n = len(vertices)
         values = np.arange(n) / (n if closed else max(n - 1, 1))
         total_or_one = 1.0

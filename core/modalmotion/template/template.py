@@ -19,6 +19,7 @@ from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.spring_modes import Modes, spring_modes
 from modalmotion.modes.mode_set import lowest_modes, whole_count
 from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
+from modalmotion.notes import Note, notes_from_json
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 from modalmotion.template.axis import Placement
@@ -64,7 +65,7 @@ class Template(FrozenArrays):
         stated by a lattice, there are none, or the template was read from a file.
     reason : str
         Why there are no natural coordinates; empty if there are.
-    notes : tuple of str
+    notes : tuple of Note
         Caveats for the user.
     """
 
@@ -79,7 +80,7 @@ class Template(FrozenArrays):
     representatives: Ints
     isolated: Ints
     reason: str
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     placement: Placement | None = None
 
     def __post_init__(self) -> None:
@@ -304,7 +305,7 @@ def shapes_of(modes: Modes, template: Template) -> Floats:
 
 def choose_modes(
     template: Template, n_modes: int, grid: tuple[int, ...] | None = None
-) -> tuple[Modes, tuple[str, ...]]:
+) -> tuple[Modes, tuple[Note, ...]]:
     """Lowest modes of a template, rounded up so that no cosine-sine pair is split.
 
     Parameters
@@ -318,7 +319,7 @@ def choose_modes(
     -------
     modes : Modes
         In closed form where the surface has natural coordinates.
-    notes : tuple of str
+    notes : tuple of Note
         Why there are more than requested, or that they belong to one mesh only.
 
     Raises
@@ -328,23 +329,17 @@ def choose_modes(
     """
     if template.surface is None:
         springs = spring_modes(template.faces, template.n_vertices, n_modes)
-        note = (
-            "These are the spring modes of this mesh; their amplitudes compare with those of "
-            "meshes of the same connectivity only."
-        )
+        note = Note.of("mesh_modes")
         return replace(springs, shapes=springs.shapes[template.representatives]), (note,)
     n_whole = whole_count(template.surface, n_modes, grid)
     chosen = lowest_modes(template.surface, n_whole, grid)
     if n_whole == n_modes:
         return chosen, ()
-    note = (
-        f"{n_modes} modes would split a cosine-sine pair; {n_whole} were fitted "
-        f"({3 * n_whole} amplitudes a frame)."
-    )
+    note = Note.of("modes_rounded", asked=n_modes, n_modes=n_whole, n_amplitudes=3 * n_whole)
     return chosen, (note,)
 
 
-FORM: Final = Form("template", 1)
+FORM: Final = Form("template", 2)
 
 
 def template_to_hdf5(template: Template) -> bytes:
@@ -417,7 +412,7 @@ def _template(contents: Contents) -> Template:
         else np.arange(len(weights)),
         isolated=contents.array("isolated", (None,)),
         reason=texts["reason"],
-        notes=tuple(texts["notes"]),
+        notes=notes_from_json(texts["notes"]),
     )
 
 

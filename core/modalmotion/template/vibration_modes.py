@@ -12,6 +12,7 @@ from modalmotion.mesh.spring_modes import Modes, spring_modes, whole_counts
 from modalmotion.modes import ModeLabel, ModeSet
 from modalmotion.modes.lattice import Lattice, modes_named
 from modalmotion.modes.topology import MESH
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, shown
 from modalmotion.template.template import Template, choose_modes, frequencies_of, shapes_of
 
@@ -31,7 +32,7 @@ class VibrationModes:
         Phi, each column with mean square 1.
     frequency_unit : str
         With its assumptions: the speed of waves, or stiffness and mass.
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     surface: str
@@ -39,7 +40,7 @@ class VibrationModes:
     angular_frequencies: Floats
     shapes: Floats
     frequency_unit: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -137,7 +138,7 @@ def _of_lattice(lattice: Lattice, modes: ModeSet) -> VibrationModes:
 
 
 def _of_template(
-    template: Template, modes: Modes, wave_speed: float, notes: tuple[str, ...]
+    template: Template, modes: Modes, wave_speed: float, notes: tuple[Note, ...]
 ) -> VibrationModes:
     return VibrationModes(
         MESH if template.surface is None else template.surface.name,

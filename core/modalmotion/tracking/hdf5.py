@@ -16,6 +16,7 @@ from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import TRACK, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import Topology
+from modalmotion.notes import notes_from_json
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import Template, landmark_datasets, landmarks_from, shapes_of
 from modalmotion.tracking.deviations import uncertainty_of
@@ -208,7 +209,7 @@ def track_in(contents: Contents) -> Track:
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
         landmarks=landmarks_from(contents),
         reason="",
-        notes=tuple(contents.json("template_notes", list)),
+        notes=notes_from_json(contents.json("template_notes", list)),
     )
     sequence = mesh_sequence(
         contents.array("vertices", (f, v, 3)),
@@ -245,7 +246,7 @@ def track_in(contents: Contents) -> Track:
         volume_correlation=estimate["volume_correlation"],
         reference=estimate["reference"],
         data=_data_in(contents, sizes),
-        notes=tuple(contents.json("notes", list)),
+        notes=notes_from_json(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
         images=None if estimate["images"] is None else ImageAnswer(**estimate["images"]),
     )

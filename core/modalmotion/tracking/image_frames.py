@@ -23,6 +23,7 @@ from modalmotion.images.sequence import Image, is_of_labels
 from modalmotion.mesh import face_areas
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
+from modalmotion.notes import Note
 from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.deformable import Deformable
@@ -93,7 +94,7 @@ class ImageFrames:
     imaging : Imaging
     found : (frames,) float64
         Share of the profiles with an edge.
-    notes : tuple of str
+    notes : tuple of Note
     stated_sd : float, mm
         Deviation of landmarks that state none.
     closed : (frames,) float64, mm
@@ -109,7 +110,7 @@ class ImageFrames:
     facets: Facets
     imaging: Imaging
     found: Floats
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     stated_sd: float
     closed: Floats
     bent: Floats
@@ -287,13 +288,12 @@ def _next(
     return a
 
 
-def _notes(shares: Floats, images: ImageSequence, found: float) -> tuple[str, ...]:
+def _notes(shares: Floats, images: ImageSequence, found: float) -> tuple[Note, ...]:
     notes = list(images.notes)
     lost = [k for k, s in enumerate(shares) if s < LEAST_FOUND and images.frames[k] is not None]
     if lost:
         notes.append(
-            f"In {len(lost)} frames, frame {lost[0]} the first, hardly any profile shows an edge "
-            f"(reference: {found:.0%}); there the motion is interpolated."
+            Note.of("frames_without_edges", n_frames=len(lost), first=lost[0], share=found)
         )
     return tuple(notes)
 

@@ -11,6 +11,7 @@ import scipy
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.images.sequence import Image, is_sliced
+from modalmotion.notes import Note
 from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.label_slices import ends_in_slices
@@ -81,21 +82,21 @@ def from_labels(images: ImageSequence, labels: Sequence[int] = ()) -> Labelled:
     In thick slices the ends are those of `ends_in_slices`. In other volumes the base is the plane
     that the wider end is cut by.
     """
-    decided: tuple[str, ...] = ()
+    decided: tuple[Note, ...] = ()
     if not labels:
         value, note = cavity_in(images)
         labels, decided = (value,), (note,)
     frames = _with_room([_shown(k, frame, labels) for k, frame in enumerate(images.frames)])
     sliced = any(is_sliced(frame) for frame in frames if frame is not None)
     marks, notes = ends_in_slices(frames) if sliced else (_of_volumes(frames), ())
-    note = "Apex and base were proposed from the labels."
+    note = Note.of("ends_proposed")
     own = (*images.notes, *decided, note, *notes)
     return Labelled(ImageSequence(frames, images.times, images.period, own), marks)
 
 
 def notes_on_landmarks(
     images: ImageSequence, landmarks: Mapping[str, Any], reference: int
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """Note stated landmarks that are more than 2 mm outside all that is labelled.
 
     Parameters
@@ -120,10 +121,7 @@ def notes_on_landmarks(
         }
         far = max(away, key=lambda k: away[k], default=None)
         if far is not None and away[far] > _OUTSIDE:
-            notes.append(
-                f"The landmark {name} is {away[far]:.0f} mm outside what is labelled in frame "
-                f"{far}: check its place, and the system of its coordinates."
-            )
+            notes.append(Note.of("landmark_outside", landmark=name, distance=away[far], frame=far))
     return tuple(notes)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import Volume
+from modalmotion.notes import Note
 from modalmotion.representation import Bools, Floats
 from modalmotion.tracking.landmarks import Proposed
 from modalmotion.tracking.moving_base import DESCENT, OFF_PATH
@@ -64,7 +65,7 @@ class _Stack(NamedTuple):
 
 def ends_in_slices(
     frames: Sequence[Volume | None],
-) -> tuple[dict[str, Proposed], tuple[str, ...]]:
+) -> tuple[dict[str, Proposed], tuple[Note, ...]]:
     """Find apex and base of a cavity in volumes of thick slices.
 
     Parameters
@@ -122,11 +123,7 @@ def ends_in_slices(
         axes[k] = s.line[1] / np.linalg.norm(s.line[1])
     notes = []
     if own[full].areas[0] > _OPEN * own[full].areas.max():
-        notes.append(
-            "Both ends of the labelled cavity are open: its lowest slice is "
-            f"{own[full].areas[0] / own[full].areas.max():.0%} as large as its largest, so the "
-            "apex was extrapolated; volumes depend on it."
-        )
+        notes.append(Note.of("both_ends_open", share=own[full].areas[0] / own[full].areas.max()))
     sd = max(float(max(frame.spacing)) for frame in there.values())
     places = zip(("apex", "base"), (apices, bases), covariances, strict=True)
     return {name: Proposed(own, sd, axes, _LEVEL, off) for name, own, off in places}, tuple(notes)

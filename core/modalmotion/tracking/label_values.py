@@ -16,6 +16,7 @@ import scipy
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.sequence import is_sliced
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints
 
 NO_MAP: Final = "none"
@@ -98,13 +99,13 @@ def whole_labels(labels: Sequence[str | int]) -> list[int]:
     return values
 
 
-def cavity_in(images: ImageSequence) -> tuple[int, str]:
+def cavity_in(images: ImageSequence) -> tuple[int, Note]:
     """Decide which value is the cavity: that which another, its wall, encloses.
 
     Returns
     -------
     int
-    str
+    Note
         What was decided, and from what, for the user.
 
     Raises
@@ -132,10 +133,12 @@ def cavity_in(images: ImageSequence) -> tuple[int, str]:
     if is_enclosed[second] and ml[second] > _NEXT * ml[first] and walls[first] != second:
         raise _undecided(f"{values[first]} and {values[second]} are both enclosed by others", named)
     wall = values[walls[first]]
-    note = (
-        f"Label {values[first]} was taken as the cavity, and label {wall}, which makes up "
-        f"{shares[first].max():.0%} of its border, as its wall ({named}); if that is wrong, state "
-        "the cavity's label."
+    note = Note.of(
+        "cavity_recognised",
+        label=values[first],
+        wall=wall,
+        share=shares[first].max(),
+        volumes=named,
     )
     return int(values[first]), note
 
@@ -185,7 +188,7 @@ def _borders(volume: Volume, values: Ints) -> Ints:
     return both
 
 
-def _of_one(volume: Volume, value: int, named: str) -> tuple[int, str]:
+def _of_one(volume: Volume, value: int, named: str) -> tuple[int, Note]:
     """Take a map of one label as that of a cavity, unless it is a ring."""
     own = np.moveaxis(volume.values == value, int(np.argmax(volume.spacing)), 0)
     filled = sum(int(scipy.ndimage.binary_fill_holes(section).sum()) for section in own)
@@ -196,7 +199,7 @@ def _of_one(volume: Volume, value: int, named: str) -> tuple[int, str]:
             remedy="Give the cavity a label of its own.",
             details={"labels": [value]},
         )
-    note = f"The map has one label ({named}), which was used as the cavity; there is no wall."
+    note = Note.of("one_label", volumes=named)
     return value, note
 
 

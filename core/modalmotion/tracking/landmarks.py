@@ -14,6 +14,7 @@ from modalmotion.errors import MalformedFileError, ParameterError, ShapeError
 from modalmotion.mesh import UNKNOWN, Facts
 from modalmotion.mesh.fact_forms import read_object
 from modalmotion.mesh.facts import WORDS
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, counted, shown
 from modalmotion.tracking.observation import NAMED_PLACES, Frame, Observation
 
@@ -143,13 +144,13 @@ class LandmarkFile:
     coordinates : {"LPS", "RAS"} or None
         The system, where the file states it.
     unit : str or None
-    notes : tuple of str
+    notes : tuple of Note
     """
 
     places: dict[str, Floats]
     coordinates: str | None
     unit: str | None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def for_points(self, coordinates: str | None, unit: str | None) -> dict[str, Floats]:
         """Give the places in the coordinate system of points: turned round once, or as they are.
@@ -236,9 +237,8 @@ def _of_slicer(markups: Any) -> LandmarkFile:
             remedy="Rename them in Slicer: apex, and base (or base-1, base-2, ... round the "
             "opening).",
         )
-    note = (
-        f"{counted(len(others), 'control point')} of the landmarks are called neither apex nor "
-        f"base ({', '.join(others[:3])}) and were left out."
+    note = Note.of(
+        "points_not_used", points=counted(len(others), "control point"), names=", ".join(others[:3])
     )
     middles = {name: np.mean(rows, axis=0) for name, rows in points.items()}
     return LandmarkFile(middles, systems.pop(), units.pop(), (note,) if others else ())

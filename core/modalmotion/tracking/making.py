@@ -12,6 +12,7 @@ from modalmotion.errors import ParameterError, ShapeError, TopologyError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.notes import Note
 from modalmotion.progress import Progress
 from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
@@ -105,7 +106,7 @@ class _Seen(NamedTuple):
     first: int
     pinned: int | None
     unseen: tuple[int, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     done: Callable[[], None]
 
     @property
@@ -152,7 +153,7 @@ def _observed(
     unseen = tuple(k for k, frame in enumerate(frames) if not any(map(len, frame)))
     if first in unseen and start is None:
         first = next(k for k in range(n) if k not in unseen)
-        notes += (f"Nothing was observed in the reference; the shape is that of frame {first}.",)
+        notes += (Note.of("reference_unobserved", frame=first),)
     _require_motion(n, unseen, pinned)
     return _Seen(
         recorded,

@@ -10,6 +10,7 @@ import numpy as np
 
 from modalmotion.errors import InputError, NonFiniteError, ParameterError, ShapeError
 from modalmotion.mesh import face_normals
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 
 Place: TypeAlias = str | int | tuple[int, ...]
@@ -138,7 +139,7 @@ def ends_in(frame: Frame) -> dict[str, Floats]:
     return ends
 
 
-def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[str, ...]]:
+def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[Note, ...]]:
     """Read the frames of any kind of observed sequence.
 
     Parameters
@@ -150,7 +151,7 @@ def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[s
     Returns
     -------
     tuple of Frame
-    tuple of str
+    tuple of Note
         Notes for the user.
 
     Raises
@@ -173,7 +174,7 @@ def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[s
             "Nothing was observed in any frame.",
             remedy="Send points, contours or a surface for at least one frame.",
         )
-    note = f"{n_thinned} frames have more than {_MOST_POINTS:,} points; as many of each were read."
+    note = Note.of("points_thinned", n_frames=n_thinned, most=_MOST_POINTS)
     return tuple(frames), (note,) if n_thinned else ()
 
 

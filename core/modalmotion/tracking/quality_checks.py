@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from modalmotion.modes.topology import CLOSED, CUP, SPHERE
+from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.normal_equations import NormalEquations
@@ -43,14 +44,8 @@ _FEWEST: Final = 3
 _ASIDE: Final = 0.35
 _SWAPPED: Final = 1.05
 
-_ALONG: Final = (
-    "The motion follows the data along the surface's normals; along the surface it comes from "
-    "the prior, with the stated standard deviation: twist and sliding are not measured."
-)
-_GUESSED: Final = (
-    "The ends of the surface were not given, so it was treated as closed. If it is open, like a "
-    "ventricle at its base, give the landmarks apex and base; otherwise its volumes are wrong."
-)
+_ALONG: Final = Note.of("along_surface")
+_GUESSED: Final = Note.of("treated_as_closed")
 
 
 def quality_of(surface: Deformable, info: NormalEquations) -> tuple[float, float, float, float]:
@@ -86,7 +81,7 @@ def quality_of(surface: Deformable, info: NormalEquations) -> tuple[float, float
     )
 
 
-def notes_on(result: Track) -> list[str]:
+def notes_on(result: Track) -> list[Note]:
     """Return notes on what was not seen, what the prior added, and what makes a track doubtful."""
     seen = np.array([k not in result.unseen for k in range(result.n_frames)])
     x = result.sequence.vertices.astype(np.float64)
@@ -104,36 +99,33 @@ def notes_on(result: Track) -> list[str]:
     far = result.residuals[:, 0]
     farthest = np.nanmax(far, initial=0.0)
     checks = {
-        f"Nothing was observed in {{}} of {len(x)}; there the motion is interpolated.": ~seen,
-        f"In {{}} points are at less than {_LOW_COVERAGE:.0%} of the surface (at least "
-        f"{least:.0%}); elsewhere the motion comes from the prior.": is_low,
-        "In {} most points are outliers: they may belong to another object.": (
-            (result.inliers > 0) & (result.inliers < _LOW_INLIERS)
-        ),
-        f"In {{}} points are {farthest:.3g} from the surface (RMS), more than a tenth of its "
-        f"radius of {size:.3g}: they may fill a volume, or show several surfaces.": (
-            far > _THICK * size
-        ),
-        "In {} the points are in a plane or on a line: the volume beyond it was not observed.": (
-            (spreads[:, 2] < _FLAT * spreads[:, 0]) & (result.volumes is not None)
-        ),
-        "In {} the data are elsewhere, or of another size, than in the frames around: check the "
-        "unit and the coordinates of each frame.": is_other | is_away,
+        "frames_unobserved": ~seen,
+        "coverage_low": is_low,
+        "outliers": (result.inliers > 0) & (result.inliers < _LOW_INLIERS),
+        "points_away": far > _THICK * size,
+        "points_flat": ((spreads[:, 2] < _FLAT * spreads[:, 0]) & (result.volumes is not None)),
+        "frames_elsewhere": is_other | is_away,
     }
-    told = (text.format(_frames(np.flatnonzero(own))) for text, own in checks.items() if own.any())
+    data: dict[str, dict[str, float]] = {
+        "frames_unobserved": {"n_frames": len(x)},
+        "coverage_low": {"share": _LOW_COVERAGE, "least": least},
+        "points_away": {"distance": farthest, "radius": size},
+    }
+    told = (
+        Note.of(code, frames=_frames(np.flatnonzero(own)), **data.get(code, {}))
+        for code, own in checks.items()
+        if own.any()
+    )
     notes = [_ALONG, *told]
     bound = result.ejection_fraction_bound
     if bound is not None and bound > _WIDE_BOUND:
-        notes.append(
-            f"The ejection fraction is known to {bound:.0f} percentage points only: the parts "
-            "that determine its volumes were hardly observed."
-        )
+        notes.append(Note.of("ejection_fraction_uncertain", points=bound))
     return notes
 
 
 def end_notes(
     result: Track, stated: Sequence[Frame], frames: Sequence[Frame], *, is_guessed: bool
-) -> list[str]:
+) -> list[Note]:
     """Note where the ends of the surface are doubtful, which points on it do not show.
 
     Parameters
@@ -161,21 +153,13 @@ def end_notes(
     missing = [k for k in unstated if k not in taken]
     notes = []
     if taken:
-        notes.append(
-            f"The base is not stated in {_frames(taken)} of {result.n_frames}: it was assumed "
-            "where the data end (for slices, between the last one with a contour and the next, as "
-            "the volume ejected has it). Give it if it is elsewhere."
-        )
+        notes.append(Note.of("base_from_data", frames=_frames(taken), n_frames=result.n_frames))
     if missing and result.n_frames > 1:
-        notes.append(
-            f"The base is not stated in {_frames(missing)} of {result.n_frames}, and points do not "
-            "show where an open surface ends: it was assumed by the volume ejected, as in adult "
-            "hearts. Give it if you know it."
-        )
+        notes.append(Note.of("base_from_volume", frames=_frames(missing), n_frames=result.n_frames))
     return notes
 
 
-def axis_notes(result: Track, stated: Sequence[Frame]) -> list[str]:
+def axis_notes(result: Track, stated: Sequence[Frame]) -> list[Note]:
     """Return notes on what contradicts apex and base in the first frame that has both."""
     known = [ends_in(frame) for frame in stated]
     k = next((k for k, ends in enumerate(known) if {"apex", "base"} <= ends.keys()), None)
@@ -187,18 +171,12 @@ def axis_notes(result: Track, stated: Sequence[Frame]) -> list[str]:
     away = x - ends["apex"] - np.outer(heights, axis)
     middle, low, high = (away[np.abs(heights - at) < half] for at, half in _PARTS)
     if len(middle) < _FEWEST:
-        return ["Hardly any of the surface is between apex and base: check both."]
+        return [Note.of("axis_unseen")]
     notes, aside, radius = [], float(np.linalg.norm(middle.mean(axis=0))), _radius(middle)
     if aside > _ASIDE * radius:
-        notes.append(
-            f"The axis from apex to base is {aside:.3g} beside the middle of the surface, whose "
-            f"radius is {radius:.3g}: check both landmarks."
-        )
+        notes.append(Note.of("axis_aside", distance=aside, radius=radius))
     if min(len(low), len(high)) >= _FEWEST and _radius(low) > _SWAPPED * _radius(high):
-        notes.append(
-            f"The surface is wider near the apex ({_radius(low):.3g}) than near the base "
-            f"({_radius(high):.3g}): are the two swapped?"
-        )
+        notes.append(Note.of("ends_swapped", apex=_radius(low), base=_radius(high)))
     return notes
 
 

@@ -35,6 +35,7 @@ from modalmotion.formats.volumes.reading import holds_images
 from modalmotion.images import ImageSequence
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import UNKNOWN
+from modalmotion.notes import Note
 from modalmotion.progress import Progress
 from modalmotion.representation import Floats, shown
 from modalmotion.tracking.label_values import whole_labels
@@ -86,7 +87,7 @@ class Recorded:
         NaN if a frame states none.
     times : (frames,) float64, s, or None
     unit : str or None
-    notes : tuple of str
+    notes : tuple of Note
     coordinates : {"LPS", "RAS"} or None
         As the files of the points state it; landmarks are in the same.
     images : ImageSequence or None
@@ -99,7 +100,7 @@ class Recorded:
     landmarks: Mapping[str, Floats]
     times: Floats | None = None
     unit: str | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     coordinates: str | None = None
     images: ImageSequence | None = None
     are_typed: bool = False
@@ -251,7 +252,7 @@ def _of_files(
 
 def _listed(
     visible: list[str], files: Mapping[str, Callable[[], bytes]], limits: ReadLimits
-) -> tuple[tuple[str, ...], tuple[float, ...] | None, tuple[str, ...]]:
+) -> tuple[tuple[str, ...], tuple[float, ...] | None, tuple[Note, ...]]:
     """Choose the frames among files, in the order of time; with times and notes."""
     if any(name.lower().endswith(SERIES_SUFFIXES) for name in visible):
         listing = list_frames(visible, lambda name: files[name](), limits)

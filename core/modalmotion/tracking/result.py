@@ -16,6 +16,7 @@ from modalmotion.mesh.geometry import Cavity, cavity_of, vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
+from modalmotion.notes import Note
 from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import Template, shapes_of
@@ -191,7 +192,7 @@ class Track(FrozenArrays, Recorded):
         Frames without a point: there the chain of time alone speaks.
     reference : int or None
         Frame whose surface the start is, exactly; None if it is none's.
-    notes : tuple of str
+    notes : tuple of Note
     provenance : mapping
         Parameters and versions, for files.
     images : ImageAnswer or None
@@ -218,7 +219,7 @@ class Track(FrozenArrays, Recorded):
     coverage: Floats
     unseen: tuple[int, ...]
     reference: int | None
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     provenance: Mapping[str, Any]
     images: ImageAnswer | None = None
     volume_correlation: float = 0.0

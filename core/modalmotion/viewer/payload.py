@@ -27,6 +27,7 @@ from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.spring_modes import wave_pairs
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
+from modalmotion.notes import notes_as_json
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.pictures.view import upright
 from modalmotion.representation import Floats
@@ -150,7 +151,7 @@ def view_payload(
         "compression": signature.compression,
         "view": np.round(upright(used), 6).tolist(),
         "waves": _waves(signature, used),
-        "notes": list(signature.notes),
+        "notes": notes_as_json(signature.notes),
         **_volume(signature, sequence, template, arrays),
         **_classification(classification),
     }
@@ -293,7 +294,7 @@ def _volume(
         refused = {"refused": error.message}
         return {**words, **dict.fromkeys(("volume", "strain", "segments"), refused)}
     ventricle = ventricle_readouts(signature, sequence, readouts, template=template)
-    refused = {"refused": " ".join(ventricle.reasons)}
+    refused = {"refused": " ".join(map(str, ventricle.reasons))}
     rates, regions, strain = ventricle.rates, ventricle.regions, ventricle.strain
     volume, per_mode = _volume_words(readouts, arrays), ventricle.per_mode
     shares = [volume["share"]] if "share" in volume else []
@@ -303,7 +304,7 @@ def _volume(
         "effects": None if per_mode is None else _effect_words(per_mode, names, signature),
         "rates": [] if rates is None else _rate_words(rates, readouts, sequence),
         "strain": refused if strain is None else _strain_words(strain, sequence, arrays),
-        "reasons": list(ventricle.reasons),
+        "reasons": notes_as_json(ventricle.reasons),
         "segments": refused if regions is None else _segment_words(regions, strain, readouts),
     }
 
@@ -358,7 +359,7 @@ def _strain_words(
         "layer": strain.layer,
         "source": strain.source,
         "segments": list(strain.segments),
-        "notes": list(strain.notes),
+        "notes": notes_as_json(strain.notes),
     }
 
 
@@ -405,7 +406,7 @@ def _volume_words(readouts: ClinicalReadouts, arrays: dict[str, NDArray[Any]]) -
                 names, (largest, smallest, difference), values, strict=True
             )
         ],
-        "notes": list(readouts.notes),
+        "notes": notes_as_json(readouts.notes),
     }
     if curve.fraction is not None and curve.share is not None and curve.share_range is not None:
         definition = "difference of volumes over the largest"
@@ -489,7 +490,8 @@ def _classification(answer: Classification | None) -> dict[str, Any]:
     return {
         "classification": {
             **{name: getattr(answer, name) for name in plain},
-            **{name: list(getattr(answer, name)) for name in ("class_set", "flags", "notes")},
+            **{name: list(getattr(answer, name)) for name in ("class_set", "flags")},
+            "notes": notes_as_json(answer.notes),
             "explanation": parts,
         }
     }

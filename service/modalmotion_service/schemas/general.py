@@ -10,6 +10,7 @@ from pydantic import ConfigDict
 from modalmotion.formats import Reading
 from modalmotion.mesh.fact_forms import facts_as_json
 from modalmotion.mesh.facts import Facts
+from modalmotion.notes import Note
 from modalmotion_service.access.audit import AuditEntry, Event
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 
@@ -126,7 +127,7 @@ class FactsAnswer(Answer):
 class ReadingAnswer(Answer):
     """How a file was read: everything besides the sequence in it."""
 
-    notes: list[str]
+    notes: list[Note]
 
     @staticmethod
     def of(reading: Reading) -> ReadingAnswer:

@@ -9,6 +9,7 @@ from modalmotion.classification import Comparison, Evaluation, FeatureTable, Mod
 from modalmotion.classification.evaluation import CaseAnswer, Difference
 from modalmotion.norm import Norm
 from modalmotion.norm.deviation import CohortDeviation, Deviation, GroupDeviation, QuantityDeviation
+from modalmotion.notes import Note
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
@@ -187,7 +188,7 @@ class NormAnswer(Answer):
     """The smallest p-value that is possible."""
     has_volumes: bool
     """Whether every control has its share of the volume."""
-    notes: list[str]
+    notes: list[Note]
     links: dict[str, str]
 
     @staticmethod

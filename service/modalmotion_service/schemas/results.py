@@ -13,6 +13,7 @@ from modalmotion.clinical.torsion import Torsion
 from modalmotion.clinical.ventricle import VentricleReadouts, readouts_json
 from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion.notes import Note
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import Problem, ReadingAnswer
 from modalmotion_service.schemas.signatures import SignatureAnswer
@@ -217,7 +218,7 @@ class StrainAnswer(Answer):
     """Surface of the wall that was measured."""
     source: str
     """What the surface came from."""
-    notes: list[str]
+    notes: list[Note]
 
 
 @mirrors(Torsion)
@@ -259,7 +260,7 @@ class ReadoutsAnswer(Answer):
     """Null unless the vertices are stated to follow the tissue (tracking=material)."""
     per_mode: PerModeAnswer | None
     """Null where a volume is not known."""
-    notes: list[str]
+    notes: list[Note]
     intended_use: str = INTENDED_USE
 
     @staticmethod

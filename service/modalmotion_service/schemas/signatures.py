@@ -8,6 +8,7 @@ from pydantic_core import from_json
 
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes.topology import MESH
+from modalmotion.notes import Note
 from modalmotion.signature.choice import SceneError, SceneKind
 from modalmotion.signature.distance import Comparison
 from modalmotion.signature.making import ModalSignature
@@ -64,7 +65,7 @@ class ChosenAnswer(Answer):
     modes: int
     labels: list[str]
     harmonics: int | None
-    notes: list[str]
+    notes: list[Note]
 
 
 @mirrors(Front, without=["branches"])
@@ -239,7 +240,7 @@ class TemplateAnswer(Answer):
     lengths: list[float]
     """Along each natural coordinate."""
     landmarks: LandmarksAnswer | None
-    notes: list[str]
+    notes: list[Note]
     links: dict[str, str]
 
     @staticmethod
@@ -272,7 +273,7 @@ class ModesAnswer(Answer):
     frequency_unit: str
     shapes: list[list[float]] | None
     """Of each vertex its value in each mode, mean square 1 over the surface."""
-    notes: list[str]
+    notes: list[Note]
 
     @staticmethod
     def of(template: Template, modes: VibrationModes, with_shapes: bool) -> ModesAnswer:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import NotFoundError
+from modalmotion.notes import Note
 from modalmotion.progress import part_of
 from modalmotion.store import SequenceRecord
 from modalmotion.store.index import to_text
@@ -58,13 +59,10 @@ async def upload(state: State, request: Request, report: Report) -> Outcome:
             analysis.completed, record.id, subject, label, request.facts, read.facts
         )
         if filled:
-            reading.notes.append(f"The sequence was known; {', '.join(filled)} is known now too.")
+            reading.notes.append(Note.of("facts_filled", facts=", ".join(filled)))
     others = [n for n in read.facts.stated if n in record.facts.changed(read.facts)]
     if others:
-        reading.notes.append(
-            f"The sequence was known, and keeps its facts; {', '.join(others)} would now "
-            "be different. PATCH changes them."
-        )
+        reading.notes.append(Note.of("facts_kept", facts=", ".join(others)))
     summary = SequenceSummary.of(record, reading)
     tag = tag_of(summary.model_dump_json())
     return made(summary, summary.links["self"], is_new, filled=filled, headers={"ETag": tag})

@@ -113,13 +113,13 @@ def test_a_class_of_one_subject_is_split_by_case_and_said_so() -> None:
     assert none.repetitions == []
     model = train(single, "alone", QUICK_CARD)
     assert model.card.accuracy is None
-    assert "no cross-validation" in " ".join(model.card.notes)
+    assert "no cross-validation" in " ".join(map(str, model.card.notes))
 
 
 def test_folds_of_the_users_own_predict_each_case_in_its_fold() -> None:
     own, folds = folded_cohort(), np.arange(12) % 3
     (found,), _, notes = split_cases(own, TrainingOptions(), folds)
-    assert notes[0] == "The folds are the user's own."
+    assert notes[0].text == "The folds are the user's own."
     for k, (inner, outer) in enumerate(found):
         assert outer.tolist() == np.flatnonzero(folds == k).tolist()
         assert inner.tolist() == np.flatnonzero(folds != k).tolist()

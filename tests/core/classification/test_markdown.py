@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from modalmotion.classification import DEFAULT_MODEL, ModelCard, card_markdown, load_model
 from modalmotion.cli import main
+from modalmotion.notes import Note
 from modalmotion.store import model_to_hdf5
 
 
@@ -75,7 +76,7 @@ def test_texts_of_others_stay_texts(card: ModelCard) -> None:
         classes=(odd, *card.classes[1:]),
         n_cases={odd: 3, **card.n_cases},
         n_subjects={odd: 2, **card.n_subjects},
-        notes=(odd,),
+        notes=(Note("odd", odd),),
     )
     page = card_markdown("mine", "0" * 64, renamed)
     assert "<script>" not in page

@@ -20,6 +20,7 @@ from modalmotion.classification import (
 from modalmotion.classification.model_files import kept_model, numbered
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.mesh import Facts
+from modalmotion.notes import Note
 
 
 def test_a_model_comes_back_with_the_same_answers(tmp_path: Path) -> None:
@@ -57,7 +58,7 @@ def test_all_that_an_answer_depends_on_is_part_of_the_id() -> None:
     for other in (
         replace(model, weights=weights),
         replace(model, name="other"),
-        replace(model, notes={"": ("more",)}),
+        replace(model, notes={"": (Note("more", "more"),)}),
         replace(model, outliers=replace(model.outliers, limits=limits)),
         replace(model, shares=model.shares + 1e-9),
     ):

@@ -83,7 +83,7 @@ def test_rest_and_noise_are_no_class() -> None:
     assert found.flags in (("noise",), ("no motion",))
     assert found.label is None
     assert found.probabilities == pytest.approx(np.full(5, 0.2))
-    assert found.notes[0].startswith("No class: ")
+    assert found.notes[0].text.startswith("No class: ")
 
 
 def test_a_trained_model_knows_what_its_cases_were_like() -> None:

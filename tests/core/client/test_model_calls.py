@@ -16,6 +16,7 @@ from modalmotion.classification import classify, load_model
 from modalmotion.client import Client, RemoteError
 from modalmotion.clinical import clinical_readouts
 from modalmotion.formats import read_npz
+from modalmotion.notes import notes_as_json
 
 PNG = b"\x89PNG"
 
@@ -118,7 +119,7 @@ def test_volumes_are_the_librarys_own(remote: Client, kept: str, beat: bytes) ->
     assert ours.ejection_fraction.value == own.curve.ejection_fraction
     assert (ours.ejection_fraction.low, ours.ejection_fraction.high) == own.curve.share_range
     assert found.of_mesh.ejection_fraction.value == own.mesh_curve.ejection_fraction
-    assert found["notes"] == list(own.notes)
+    assert found["notes"] == notes_as_json(own.notes)
 
 
 @pytest.mark.thorough

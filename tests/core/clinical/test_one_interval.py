@@ -16,6 +16,7 @@ from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.exports.tables import Recording, cohort_table, frame_table
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.notes import Note
 from modalmotion.reports import fhir_json, report_of
 from modalmotion.reports.content import quantities_of
 from modalmotion.signature.making import SignatureParameters, modal_signature
@@ -50,7 +51,7 @@ def tracked(seed: int) -> MeshSequence:
         alike=np.full(BEAT.n_vertices, BEAT.n_vertices / 60.0),
         volumes=volumes,
         papillary_volume=float(rng.choice([0.0, 4000.0])),
-        notes=(NOTE,),
+        notes=(Note("told", NOTE),),
     )
     return replace(BEAT, uncertainty=known)
 
@@ -73,7 +74,7 @@ def test_no_output_states_less_than_the_track_does(seeds: range) -> None:
             assert high - low > 0.99 * width or low == 0.0 or high == 100.0
             low, high = curve.end_diastolic_range
             assert high - low > 3.99 * sd.min()
-        assert NOTE in readouts.notes
+        assert NOTE in map(str, readouts.notes)
         assert known.source in readouts.notes[-2]
         if seed % 25 == 0:
             check_outputs(sequence, width)

@@ -23,6 +23,7 @@ from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP, TORUS
+from modalmotion.notes import Note
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template
 
@@ -180,13 +181,13 @@ def test_known_errors_of_positions_count_and_their_notes_are_passed_on() -> None
             along=covariance,
             rest=np.zeros(sequence.n_frames),
             alike=np.ones(n),
-            notes=("A caveat of the track.",),
+            notes=(Note("told", "A caveat of the track."),),
         )
         return strain_of(replace(sequence, uncertainty=known), 5)
 
     one, two = tracked(1.0), tracked(2.0)
     assert one.source == "points"
-    assert "A caveat of the track." in one.notes
+    assert "A caveat of the track." in map(str, one.notes)
     # The mode lengthens the surface along its axis by a fortieth.
     place = one.names.index("GLS")
     assert two.deviations[5, place] > 1.8 * one.deviations[5, place] > 1.0

@@ -11,6 +11,7 @@ from viewed_surfaces import VIEWED, viewed
 
 from modalmotion.exports.files import to_html
 from modalmotion.mesh.alignment import Rotations
+from modalmotion.notes import Note
 
 
 class Tags(HTMLParser):
@@ -54,13 +55,13 @@ def test_ten_thousand_frames_stay_small() -> None:
         max_errors=signature.max_errors[repeated],
         rotations=Rotations.none(n),
         times=None,
-        notes=("x" * 100_000,) * 50,
+        notes=(Note("long", "x" * 100_000),) * 50,
     )
     assert len(to_html(long).encode()) <= 30_000
 
 
 def test_texts_are_escaped_and_extremes_are_drawn() -> None:
-    signature = replace(viewed("cup")[1], notes=("<script>alert(1)</script>",))
+    signature = replace(viewed("cup")[1], notes=(Note("script", "<script>alert(1)</script>"),))
     assert "<script>" not in to_html(signature)
     for size in (0.0, 1e-300, 1e300):
         huge = replace(signature, amplitudes=signature.amplitudes / 20.0 * size)

@@ -314,7 +314,7 @@ def test_displacements_of_xdmf_are_added(tmp_path: Path) -> None:
     (tmp_path / "u.xdmf").write_text(f"<Xdmf><Domain>{grids}</Domain></Xdmf>")
     reading = mm.read_sequence(tmp_path)
     assert np.abs(reading.sequence.vertices - X).max() < 1e-6
-    assert "displacement" in " ".join(reading.notes)
+    assert "displacement" in " ".join(map(str, reading.notes))
 
 
 @pytest.mark.parametrize(

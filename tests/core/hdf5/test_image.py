@@ -27,6 +27,7 @@ from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import Modes, SpringModes
 from modalmotion.modes import lowest_modes
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
+from modalmotion.notes import Note
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import (
     classification_from_hdf5,
@@ -100,7 +101,9 @@ def signatures(draw: st.DrawFn) -> ModalSignature:
         ),
         sequence_id=draw(IDS),
         template_id=draw(IDS),
-        notes=tuple(draw(st.lists(st.text(max_size=100), max_size=3))),
+        notes=tuple(
+            draw(st.lists(st.builds(Note, st.text(max_size=9), st.text(max_size=100)), max_size=3))
+        ),
         provenance=draw(st.dictionaries(st.text(max_size=9), st.text(max_size=9), max_size=3)),
     )
 
@@ -213,7 +216,7 @@ def test_any_hdf5_program_reads_the_file_and_learns_what_is_in_it(tmp_path: Path
         "sequence": sequence_to_hdf5(sequence),
         "classification": classification_to_hdf5(classification),
     }
-    versions = {"signature": 5, "sequence": 2, "classification": 4}
+    versions = {"signature": 6, "sequence": 2, "classification": 5}
     for kind, image in images.items():
         path = tmp_path / f"{kind}.h5"
         path.write_bytes(image)

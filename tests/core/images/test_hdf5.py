@@ -12,11 +12,15 @@ from modalmotion.errors import CorruptFileError, NotFoundError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.hdf5 import read_images_file, write_images
 from modalmotion.images.sequence import parts_of
+from modalmotion.notes import Note
 
 TINY = (7, 6, 5)
 CASES = {
     "volumes": ImageSequence(
-        (volume(shape=TINY), None, volume(18.0, shape=TINY)), np.array([0, 0.1, 0.3]), 0.5, ("n",)
+        (volume(shape=TINY), None, volume(18.0, shape=TINY)),
+        np.array([0, 0.1, 0.3]),
+        0.5,
+        (Note("n", "n"),),
     ),
     "planes": ImageSequence((planes(), planes(18.0))),
     "other shapes and types": ImageSequence(
@@ -61,7 +65,9 @@ def test_what_differs_has_another_id() -> None:
         ImageSequence((Volume(values, affine),), period=1.0).id,
     ]
     assert len(set(ids)) == len(ids)
-    assert ImageSequence((Volume(values[::1], affine),), notes=("other",)).id == ids[0]
+    assert (
+        ImageSequence((Volume(values[::1], affine),), notes=(Note("other", "other"),)).id == ids[0]
+    )
 
 
 @pytest.mark.parametrize("at", [600, -200, -10])

@@ -282,7 +282,7 @@ def test_degenerate_triangle_isolated_vertex_duplicate_vertex(
     n = after.template.n_vertices
     assert after.template.isolated.tolist() == [0, n - 1]
     assert (after.template.weights[[0, n - 1]] == 0).all()
-    notes = " ".join(after.template.notes)
+    notes = " ".join(map(str, after.template.notes))
     assert "belong to no triangle" in notes
     assert "name a vertex twice" in notes
     assert np.isfinite(after.template.coordinates).all()

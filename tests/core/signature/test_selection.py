@@ -202,7 +202,7 @@ def test_what_is_no_longer_compact_says_so(beat: MeshSequence) -> None:
     assert any("no longer compact" in note for note in signature.notes)
     stated = modal_signature(beat, SignatureParameters(modes=40))
     (note,) = [note for note in stated.notes if "no longer compact" in note]
-    most = int(re.findall(r"Ask for at most (\d+) modes", note)[0])
+    most = int(re.findall(r"Ask for at most (\d+) modes", note.text)[0])
     fewer = modal_signature(beat, SignatureParameters(modes=most))
     assert not any("compact" in note for note in fewer.notes) or len(fewer.modes) > most
     # The usual number is small on any surface that is worth a signature.

@@ -31,7 +31,7 @@ def beat() -> mm.MeshSequence:
 
 def changed(beat: mm.MeshSequence, vertices: NDArray[np.float64]) -> list[str]:
     sequence = mm.mesh_sequence(vertices, faces=beat.faces, unit=beat.unit)
-    return [note for note in mm.modal_signature(sequence).notes if "Frame 3" in note]
+    return [str(note) for note in mm.modal_signature(sequence).notes if "Frame 3" in note]
 
 
 def test_an_outlier_is_named_by_frame_and_vertex(beat: mm.MeshSequence) -> None:

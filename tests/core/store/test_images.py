@@ -13,6 +13,7 @@ import pytest
 from modalmotion.errors import CorruptFileError, LostFileError, NotFoundError, ParameterError
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.hdf5 import read_images_file, write_images
+from modalmotion.notes import Note
 from modalmotion.store import (
     ImagesRecord,
     ResultStore,
@@ -30,7 +31,7 @@ TRACK = "f" * 64
 def images(seed: int = 0) -> ImageSequence:
     rng = np.random.default_rng(seed)
     frames = [Volume(rng.integers(0, 9, (3, 4, 5)), np.diag([1.0, 2.0, 3.0, 1.0])) for _ in "ab"]
-    return ImageSequence((*frames, None), np.array([0.0, 0.5, 1.0]), 1.5, ("note",))
+    return ImageSequence((*frames, None), np.array([0.0, 0.5, 1.0]), 1.5, (Note("told", "note"),))
 
 
 def put(store: ResultStore, seed: int = 0) -> ImagesRecord:

@@ -14,6 +14,7 @@ from store_samples import KEY, MODEL, sample_sequence, sample_signature, tree
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.exports.signature_pack import export
 from modalmotion.hdf5.sealed import SEAL_LENGTH, seal
+from modalmotion.notes import Note
 from modalmotion.store import ResultStore, rebuild, sequence_to_hdf5, template_to_hdf5, verify
 from modalmotion.store.folder import Folder, ResultName
 from modalmotion.template import make_template
@@ -79,7 +80,7 @@ def _other_numbers(root: Path) -> None:
     signature = sample_signature(sequence)
     with ResultStore(root.parent / "other") as other:
         other.put_sequence(sequence)
-        path = other.put_signature(replace(signature, notes=("another",)))
+        path = other.put_signature(replace(signature, notes=(Note("another", "another"),)))
     Folder(root).path("results", name).write_bytes(path.read_bytes())
 
 

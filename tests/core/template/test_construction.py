@@ -61,7 +61,7 @@ def test_two_rims_at_the_same_places_are_one(topology: str) -> None:
     n = whole[0].shape[1]
     assert (one.n_vertices, sequence.n_vertices > n) == (sequence.n_vertices, True)
     (note,) = [note for note in one.notes if "coincide" in note]
-    assert note.startswith(f"{sequence.n_vertices - n} vertices of {sequence.n_vertices}")
+    assert note.text.startswith(f"{sequence.n_vertices - n} vertices of {sequence.n_vertices}")
     assert not [note for note in one.notes if "no triangle" in note or "no area" in note]
     # Surfaces back: of the vertices sent, in their order.
     positions = reconstruct(one, sequence)
@@ -100,7 +100,7 @@ def test_seams_and_second_sides_change_nothing(change: Any) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-6)
     if change is double_sided:
         (note,) = [note for note in one.notes if "repeat" in note]
-        assert note.startswith(f"{len(whole[1])} triangles")
+        assert note.text.startswith(f"{len(whole[1])} triangles")
 
 
 def test_single_precision_and_minus_zero_are_the_same_places() -> None:
@@ -205,7 +205,7 @@ def test_a_sequence_that_parts_what_its_template_merges_is_noted() -> None:
     parted[3, -2:] += 0.5
     parameters = SignatureParameters(template=template.id)
     noted = modal_signature(mesh_sequence(parted, faces), parameters, template=template)
-    assert any(note.startswith("2 vertices that the template merges") for note in noted.notes)
+    assert any(note.text.startswith("2 vertices that the template merges") for note in noted.notes)
     same = modal_signature(mesh_sequence(vertices, faces), parameters, template=template)
     assert not any("merges with another" in note for note in same.notes)
 

@@ -73,7 +73,7 @@ def test_what_holds_without_a_zero_of_theta_is_said_where_that_is_named() -> Non
     assert template.landmarks is not None
     assert {"axis", "base", "theta_zero"} <= {*template.landmarks.weak}
     (told,) = (note for note in template.notes if "Cosine and sine" in note)
-    assert told.startswith("The zero of theta")
+    assert told.text.startswith("The zero of theta")
 
 
 def test_theta_is_right_handed_about_the_axis_and_zero_where_given() -> None:

@@ -45,7 +45,7 @@ def off(result: Track) -> float:
 def doubts(result: Track) -> str:
     """What is noted besides what all tracks say."""
     usual = ("undetermined", "along the surface it comes from the prior", "so round about the axis")
-    return " ".join(n for n in result.notes if not any(part in n for part in usual))
+    return " ".join(str(n) for n in result.notes if not any(part in n for part in usual))
 
 
 def padded(value: float) -> Volume:

@@ -10,6 +10,7 @@ import pytest
 
 from modalmotion.errors import ShapeError
 from modalmotion.images import Volume
+from modalmotion.notes import Note
 from modalmotion.representation import Floats
 from modalmotion.tracking.label_slices import ends_in_slices
 
@@ -49,7 +50,7 @@ class Ends(NamedTuple):
     axes: Floats
     apex_covariance: Floats
     base_covariance: Floats
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def found(*volumes: Volume | None) -> Ends:

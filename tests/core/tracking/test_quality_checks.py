@@ -56,7 +56,7 @@ def flat() -> list[Floats]:
 def test_what_is_doubtful_is_said(
     observed: Callable[[], list[Any]], more: dict[str, Any], said: str
 ) -> None:
-    notes = " ".join(track(observed(), modes=7, **more).notes)
+    notes = " ".join(map(str, track(observed(), modes=7, **more).notes))
     assert re.search(said, notes)
 
 
@@ -83,7 +83,9 @@ def cup_clouds() -> list[Floats]:
 
 def test_ends_that_are_given_in_every_frame_leave_no_doubt() -> None:
     notes = track(cup_clouds(), landmarks={"apex": APEX, "base": BASE}, modes=7, unit="mm").notes
-    assert not any(word in " ".join(notes) for word in ("Nobody", "not stated", "swapped", "check"))
+    assert not any(
+        word in " ".join(map(str, notes)) for word in ("Nobody", "not stated", "swapped", "check")
+    )
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def test_a_track_is_its_sequence_with_its_errors(tmp_path: Path) -> None:
     # To who reads bytes, it is a sequence like any other.
     read = read_sequence((tmp_path / "beat.h5").read_bytes())
     assert (read.sequence.id, read.sequence.facts) == (made.sequence.id, made.sequence.facts)
-    assert read.notes[0].startswith("The file is a track")
+    assert read.notes[0].text.startswith("The file is a track")
 
 
 def test_clouds_are_tracked_with_the_facts_of_their_row(tmp_path: Path) -> None:

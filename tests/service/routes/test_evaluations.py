@@ -80,7 +80,7 @@ def test_an_evaluation_may_be_a_job(trained: Trained, tested: tuple[list[str], A
 
 def test_trained_on_sequences_are_named_in_a_note(trained: Trained) -> None:
     answer = trained.client.post(EVALUATIONS, json={"sequences": trained.ids[:4]}).json()
-    assert "4 of the 4 cases are in the training set" in answer["notes"][0]
+    assert "4 of the 4 cases are in the training set" in answer["notes"][0]["text"]
 
 
 def test_two_versions_are_compared(trained: Trained, tested: tuple[list[str], Any]) -> None:

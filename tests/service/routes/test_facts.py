@@ -94,7 +94,7 @@ def test_a_known_sequence_keeps_its_facts_and_says_so(send: Callable[..., Any]) 
         "normal_displacement",
         "lv",
     )
-    notes = again.json()["reading"]["notes"]
+    notes = [note["text"] for note in again.json()["reading"]["notes"]]
     assert "keeps its facts; tracking" in notes[-1]
     assert "cavity is known now too" in notes[-2]
 

@@ -336,14 +336,14 @@ def test_a_cohort_of_bent_surfaces_is_trained_in_one_basis(trained: Trained) -> 
             for known in ids[:4]
         ]
         assert {answer.status_code for answer in answers} <= {200, 201}
-        assert not any("topology" in note for a in answers for note in a.json()["notes"])
+        assert not any("topology" in note["text"] for a in answers for note in a.json()["notes"])
         sent = client.post(
             "/v1/classify",
             params={"model": f"bent-{surface}"},
             content=write_npz(bent_beat("strong", 3.3, np.random.default_rng(9))),
         )
         assert sent.status_code == 200
-        assert not any("topology" in note for note in sent.json()["notes"])
+        assert not any("topology" in note["text"] for note in sent.json()["notes"])
 
 
 def test_covariates_of_a_training_are_the_sequences_own_and_those_stated(
@@ -379,7 +379,7 @@ def test_a_training_goes_on_without_a_sequence_that_does_not_fit(trained: Traine
     assert job["state"] == "failed"
     assert name[:12] in job["error"]["detail"]
     model = train(trained.client, "careful", cases, options={**QUICK, "on_error": "leave out"})
-    notes = model["card"]["notes"]
+    notes = [note["text"] for note in model["card"]["notes"]]
     assert notes[0] == "Cases left out: 1."
     assert notes[1].startswith(f"Left out: Sequence {name[:12]}: ")
     assert sum(model["card"]["n_cases"].values()) == len(trained.ids)

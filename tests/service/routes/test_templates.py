@@ -77,7 +77,7 @@ def test_a_template_gives_its_vibration_modes(client: TestClient, mesh: bytes) -
     ]
     assert answer["angular_frequencies"] == pytest.approx(own.angular_frequencies, abs=1e-15)
     assert answer["shapes"] is None
-    assert any("split" in note for note in answer["notes"])
+    assert any("split" in note["text"] for note in answer["notes"])
     whole = client.get(f"{here}/modes", params={**query, "shapes": "true"}).json()
     assert np.array(whole["shapes"]) == pytest.approx(own.shapes)
     npz = client.get(f"{here}/modes", params=query, headers={"Accept": "application/x-npz"})
@@ -220,7 +220,7 @@ def test_a_surface_without_natural_coordinates_gets_the_modes_of_its_mesh(
     answer = client.post(f"{here}/signatures", json={"modes": 4}).json()
     assert answer["topology"] == "mesh"
     assert {label["part"] for label in answer["modes"]} == {"spring"}
-    assert any("connectivity" in note for note in answer["notes"])
+    assert any("connectivity" in note["text"] for note in answer["notes"])
     again = client.post(
         f"{here}/signatures", json={"modes": 4}, headers={"Accept": "application/x-hdf5"}
     )
@@ -276,7 +276,7 @@ def test_frames_out_of_order_are_sorted_and_it_is_said(
     vertices = np.random.default_rng(5).normal(size=(3, 16, 3))
     sent = npz(vertices=vertices[[2, 0, 1]], times=[0.2, 0.0, 0.1], grid=[4, 4], topology="cup")
     answer = client.post("/v1/sequences", content=sent).json()
-    assert any("out of order" in note for note in answer["reading"]["notes"])
+    assert any("out of order" in note["text"] for note in answer["reading"]["notes"])
     ordered = npz(vertices=vertices, times=[0.0, 0.1, 0.2], grid=[4, 4], topology="cup")
     assert client.post("/v1/sequences", content=ordered).json()["id"] == answer["id"]
 

@@ -76,7 +76,7 @@ def test_a_track_sent_as_a_sequence_is_one(client: TestClient, recording: bytes)
     assert answer.status_code == 201, answer.text
     assert answer.json()["id"] == own.sequence.id
     assert answer.json()["facts"]["tracking"] == "normal_displacement"
-    assert any("is a track" in note for note in answer.json()["reading"]["notes"])
+    assert any("is a track" in note["text"] for note in answer.json()["reading"]["notes"])
 
 
 def test_the_tracked_sequence_is_one_like_any_other(client: TestClient, link: str) -> None:

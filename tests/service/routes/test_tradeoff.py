@@ -47,7 +47,7 @@ def test_a_signature_by_tolerance_states_its_price(client: TestClient, here: str
 def test_auto_says_what_noise_it_found(client: TestClient, here: str) -> None:
     answer = client.post(f"{here}/signatures", json={"auto": True}).json()
     assert answer["choice"]["noise"]["sigma"] == pytest.approx(0.2, rel=0.2)
-    assert any("noise was estimated" in note for note in answer["notes"])
+    assert any("noise was estimated" in note["text"] for note in answer["notes"])
 
 
 def test_a_tolerance_out_of_reach_is_a_problem_with_the_best(client: TestClient, here: str) -> None:

@@ -197,11 +197,11 @@ def test_both_kinds_are_weighed_where_points_may_slide(trained: Trained) -> None
 
     stated = card("stated")
     assert stated["options"]["kind"] == "material"
-    assert not any("Both kinds" in note for note in stated["notes"])
+    assert not any("Both kinds" in note["text"] for note in stated["notes"])
     for sequence_id in ids:
         client.patch(f"/v1/sequences/{sequence_id}", json={"facts": None})
     unstated = card("unstated")
-    assert any("Both kinds" in note for note in unstated["notes"])
+    assert any("Both kinds" in note["text"] for note in unstated["notes"])
     assert unstated["options"]["kind"] in ("material", "normal_displacement")
 
 

@@ -21,6 +21,7 @@ from modalmotion.formats.volumes.stack import (
 )
 from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.limits import ReadLimits
+from modalmotion.notes import Note
 from modalmotion.numeric.unpacking import unpacked_head
 
 _MM: Final = {"mm": 1.0, "meter": 1e3, "micron": 1e-3, "unknown": 1.0}
@@ -70,9 +71,9 @@ def _of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> Parsed
     length, duration = header.get_xyzt_units()
     to_lps = RAS_TO_LPS * _MM.get(length, 1.0)
     affine = to_lps @ np.asarray(header.get_best_affine(), dtype=np.float64)[:3]
-    notes: list[str] = []
+    notes: list[Note] = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):
-        notes.append("The NIfTI file states no position in space; its axes are taken as RAS.")
+        notes.append(Note.of("nifti_position_unknown"))
     zooms = header.get_zooms()
     interval = float(zooms[3]) if len(zooms) > 3 else 0.0
     times = timed(regular(interval, n_frames), duration, "NIfTI", notes)

@@ -18,6 +18,7 @@ from modalmotion.errors import MalformedFileError, needs_extra
 from modalmotion.formats.result import Parsed
 from modalmotion.formats.volumes.stack import damaged, parsed, regular, samples, timed
 from modalmotion.limits import ReadLimits
+from modalmotion.notes import Note
 from modalmotion.numeric.unpacking import Packing
 
 # Directions of the axes: left, posterior and superior count as they are.
@@ -111,7 +112,7 @@ def _type(name: str) -> np.dtype[Any]:
 def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
     if values.ndim not in (3, 4):
         raise _nrrd(f"The NRRD file has {values.ndim} axes, not space and time.")
-    notes: list[str] = []
+    notes: list[Note] = []
     kinds = [str(kind).lower() for kind in header.get("kinds", ["???"] * values.ndim)]
     directions = header.get("space directions")
     spacings = np.asarray(header.get("spacings", np.full(values.ndim, np.nan)), dtype=np.float64)
@@ -144,7 +145,7 @@ def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
     space = str(header.get("space", "")).lower().removesuffix("-time")
     letters = "".join(word[0] for word in space.split("-")) if "-" in space else space
     if letters not in _SPACES:
-        notes.append("The NRRD file states no known space; its coordinates are taken as LPS.")
+        notes.append(Note.of("nrrd_space_unknown"))
         letters = "lps"
     signs = np.array([1.0 if letter in "lps" else -1.0 for letter in letters])
     origin = np.asarray(header.get("space origin", np.zeros(3)), dtype=np.float64)[:3]
@@ -159,11 +160,11 @@ def _of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
     return parsed(frames, affine, timed(times, unit, "NRRD", notes), notes)
 
 
-def _scales(units: Any, notes: list[str]) -> NDArray[np.float64]:
+def _scales(units: Any, notes: list[Note]) -> NDArray[np.float64]:
     """Read mm for each unit of the three directions."""
     words = [str(unit).strip().lower() for unit in units][:3] if units is not None else [""] * 3
     if len(words) < 3 or not set(words) <= set(_MM):
-        notes.append("The NRRD file's unit of length is unknown; its coordinates are taken as mm.")
+        notes.append(Note.of("nrrd_unit_unknown"))
         words = [""] * 3
     return np.array([_MM[word] for word in words])
 
@@ -244,7 +245,7 @@ def _parse(data: bytes, limits: ReadLimits) -> Parsed:
     frames = np.moveaxis(values, 3, 0) if n == 4 else values[None]
     limits.require("frames", len(frames))
     # The format has no field for a unit of time.
-    notes: list[str] = []
+    notes: list[Note] = []
     times = timed(regular(spacing[3] if n == 4 else 0.0, len(frames)), None, "MetaImage", notes)
     return parsed(frames, affine, times, notes)
 

@@ -25,6 +25,7 @@ from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import Image
 from modalmotion.images.volume import slices_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
+from modalmotion.notes import Note, notes_from_json
 from modalmotion.progress import Progress
 from modalmotion.representation import counted
 
@@ -175,7 +176,11 @@ def _of_files(
         raise _malformed(f"No images of a known format in {counted(len(names), 'file')}.")
     found = grouped(slices) if slices else _joined(parts)
     left_out = ((skipped, "no images"), (damaged, "damaged or not slices"))
-    notes = [f"Not used ({what}): {counted(n, 'file')}." for n, what in left_out if n]
+    notes = [
+        Note.of("files_not_used", reason=what, files=counted(n, "file"))
+        for n, what in left_out
+        if n
+    ]
     return replace(found, notes=(*found.notes, *notes))
 
 
@@ -191,7 +196,7 @@ def _sequence(answer: Answer) -> ImageSequence:
     frames = tuple(Volume(values, affine) for values in answer.arrays["values"])
     times = answer.info["times"]
     at = None if times is None else np.array(times, dtype=np.float64)
-    return ImageSequence(frames, at, notes=tuple(answer.info["notes"]))
+    return ImageSequence(frames, at, notes=notes_from_json(answer.info["notes"]))
 
 
 def _slices(answer: Answer) -> list[Slice]:

@@ -21,6 +21,7 @@ from modalmotion.errors import MalformedFileError, ModalMotionError, ShapeError
 from modalmotion.formats.result import Parsed
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.limits import ReadLimits
+from modalmotion.notes import Note, notes_as_json
 from modalmotion.numeric.unpacking import Packing, unpacked
 from modalmotion.representation import counted
 
@@ -68,7 +69,7 @@ def parsed(
     values: NDArray[Any],
     affine: NDArray[np.float64],
     times: Sequence[float] | None,
-    notes: Sequence[str] = (),
+    notes: Sequence[Note] = (),
 ) -> Parsed:
     """Put together the answer of a parser.
 
@@ -78,9 +79,12 @@ def parsed(
     affine : (3, 4) float64, mm
         To LPS.
     times : sequence of float, s, or None
-    notes : sequence of str
+    notes : sequence of Note
     """
-    info = {"times": None if times is None else list(map(float, times)), "notes": list(notes)}
+    info = {
+        "times": None if times is None else list(map(float, times)),
+        "notes": notes_as_json(notes),
+    }
     return info, {"values": values, "affine": np.asarray(affine, dtype=np.float64)[:3]}
 
 
@@ -180,16 +184,13 @@ def regular(interval: float, n: int) -> list[float] | None:
 
 
 def timed(
-    times: list[float] | None, unit: str | None, form: str, notes: list[str]
+    times: list[float] | None, unit: str | None, form: str, notes: list[Note]
 ) -> list[float] | None:
     """Turn times in a stated unit into seconds; without one they are not read, and noted."""
     match = _UNIT_OF_TIME.fullmatch(str(unit).strip().lower())
     scale = None if match is None else _SHARES.get(match[1], 1.0)
     if times is not None and scale is None:
-        notes.append(
-            f"The {form} file states no unit for its interval of {times[1] - times[0]:g} between "
-            "frames, which is therefore ignored: state the interval in seconds."
-        )
+        notes.append(Note.of("interval_ignored", format=form, interval=times[1] - times[0]))
     return None if times is None or scale is None else [scale * time for time in times]
 
 
@@ -237,34 +238,38 @@ def grouped(slices: Sequence[Slice]) -> ImageSequence:
     planes: dict[tuple[Any, ...], list[Slice]] = defaultdict(list)
     for own in slices:
         planes[own.place].append(own)
-    notes: list[str] = []
+    notes: list[Note] = []
     ordered = [_in_time(group, notes) for group in planes.values()]
     n_phases, _ = max(Counter(map(len, ordered)).items(), key=lambda item: (item[1], item[0]))
     kept = [group for group in ordered if len(group) == n_phases]
     if len(kept) < len(ordered):
         notes.append(
-            "Left out because they do not have "
-            f"{n_phases} phases: {counted(len(ordered) - len(kept), 'plane')}."
+            Note.of(
+                "planes_left_out",
+                n_phases=n_phases,
+                planes=counted(len(ordered) - len(kept), "plane"),
+            )
         )
     kept.sort(key=lambda group: tuple(group[0].affine.T.round(3).ravel()))
     starts = [group[0].info["trigger_ms"] for group in kept]
     late = [t for t in starts if t is not None and t > 100.0]
     if late and len(late) < len(starts):
         notes.append(
-            f"Later than the trigger by {min(late):.0f} to {max(late):.0f} ms: "
-            f"{counted(len(late), 'plane')}; phases are matched by their order."
+            Note.of(
+                "planes_late", first=min(late), last=max(late), planes=counted(len(late), "plane")
+            )
         )
     frames = [_frame([group[k] for group in kept]) for k in range(n_phases)]
     return ImageSequence(tuple(frames), *_times(kept, n_phases), tuple(notes))
 
 
-def _in_time(group: list[Slice], notes: list[str]) -> list[Slice]:
+def _in_time(group: list[Slice], notes: list[Note]) -> list[Slice]:
     if len(group) == 1:
         return group
     triggers = [own.info["trigger_ms"] for own in group]
     if all(t is not None for t in triggers) and len(set(triggers)) == len(group):
         return sorted(group, key=lambda own: float(own.info["trigger_ms"]))
-    note = "The slices state no distinct trigger times; phases are in the order of their numbers."
+    note = Note.of("trigger_times_unknown")
     if note not in notes:
         notes.append(note)
     return sorted(group, key=lambda own: own.info["number"] or 0.0)

@@ -221,7 +221,7 @@ def read_out(one: Fitted, how: str) -> bytes:
     if how == STRAIN:
         if answer.strain is None:
             raise ParameterError(
-                " ".join(ventricle.reasons) or "The surface is no wall with a strain.",
+                " ".join(map(str, ventricle.reasons)) or "The surface is no wall with a strain.",
                 remedy="Ask for the strain of a surface with coordinates along and around it.",
             )
         return answer.strain.model_dump_json().encode()

@@ -13,6 +13,7 @@ from modalmotion.errors import InputError, NotFoundError, ParameterError
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file, write_images
 from modalmotion.mesh import Facts
+from modalmotion.notes import Note
 from modalmotion.progress import Stopwatch, as_share
 from modalmotion.tracking import Track, recordings
 from modalmotion.tracking.label_maps import from_labels
@@ -148,7 +149,11 @@ def _with_ends(record: store.ImagesRecord, images: ImageSequence) -> store.Image
     try:
         made = from_labels(images)
     except InputError as error:
-        return replace(record, is_label_map=True, notes=(*record.notes, error.message))
+        return replace(
+            record,
+            is_label_map=True,
+            notes=(*record.notes, Note.of("not_computed", reason=error.message)),
+        )
     ends: dict[str, Any] = {
         name: tuple(
             tuple(map(float, place)) if np.isfinite(place).all() else None

@@ -96,7 +96,11 @@ def test_units_slope_and_intercept_of_nifti_are_read() -> None:
     assert first_volume(read(bytes(data))).values == pytest.approx(own.get_fdata())
     assert scaled(VALUES, 1.0, 0.0) is VALUES
     nowhere = nibabel.Nifti1Image(VALUES[0], None)
-    assert read(bytes(nowhere.to_bytes())).notes[0].startswith("The NIfTI file states no position")
+    assert (
+        read(bytes(nowhere.to_bytes()))
+        .notes[0]
+        .text.startswith("The NIfTI file states no position")
+    )
 
 
 @pytest.mark.parametrize(
