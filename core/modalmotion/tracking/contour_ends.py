@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from modalmotion.modes.topology import CUP
-from modalmotion.representation import Floats, Ints
+from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.template import Template
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.ends_of_data import lies_evenly
@@ -50,6 +50,10 @@ _PARALLEL: Final = 0.985
 _LEAN: Final = 0.3
 _SWAY: Final = 0.1
 
+# Steps that an arc goes on beyond its last point, and their deviation where a base that is stated
+# shows them.
+_BEYOND: Final = (0.5, 1.0)
+
 # Of the radius: deviation of a rim from a plane.
 _UNEVEN: Final = 0.05
 
@@ -65,10 +69,14 @@ class _Planes(NamedTuple):
 
 
 class _Contour(NamedTuple):
-    """Points of a plane in order, from one end to the other; both ends, none where it is closed."""
+    """Points of a plane in order, from one end to the other, and the mean step between them.
+
+    Of both ends the last points and the directions in which it goes on, none where it is closed.
+    """
 
     points: Floats
     ends: Floats
+    ways: Floats
     step: float
 
 
@@ -88,10 +96,10 @@ def with_contour_ends(
     Returns
     -------
     tuple of Frame
-        With points of the rim half a step beyond the ends of open arcs, as `end="base"`, and the
-        levels of base and apex along the normal of a stack of slices, as landmarks. Frames that
-        state an end keep to that, and all are as they were where points are not in planes that
-        stay.
+        With points of the rim beyond the ends of open arcs, as `end="base"`, by half a step or as
+        far as the reference shows, and the levels of base and apex along the normal of a stack of
+        slices, as landmarks. Frames that state an end keep to that, and all are as they were where
+        points are not in planes that stay.
     dict of str to (frames, frames) float64, length unit squared
         Covariance of levels that are between slices, as `with_levels` takes it.
     """
@@ -120,7 +128,8 @@ def with_contour_ends(
             for i in np.flatnonzero(counts >= _FEWEST)
         }
     stack = _stack(planes, axis)
-    ends = {k: _ends_of(own, planes, stack) for k, own in drawn.items()}
+    beyond = _beyond(frames[reference], drawn.get(reference, {}), planes, stack)
+    ends = {k: _ends_of(own, planes, stack, beyond) for k, own in drawn.items()}
     full, covariance = list(frames), np.zeros((0, 0))
     levels: dict[int, Observation] = {}
     if len(stack):
@@ -187,16 +196,10 @@ def _contour(points: Floats, normal: Floats) -> _Contour:
     widest = int(gaps.argmax())
     arc, step = np.roll(ring, -widest - 1, axis=0), float(np.delete(gaps, widest).mean())
     if gaps[widest] <= max(_GAP * step, _OPEN * gaps.sum()):
-        return _Contour(arc, np.zeros((0, 3)), step)
-    # A point represents half a step on either side.
-    return _Contour(arc, np.stack([_beyond(arc[:4], step), _beyond(arc[:-5:-1], step)]), step)
-
-
-def _beyond(arc: Floats, step: float) -> Floats:
-    """Go half a step beyond the first point of an arc."""
-    away = arc[0] - arc[1:].mean(axis=0)
-    place: Floats = arc[0] + 0.5 * step * away / (np.linalg.norm(away) or 1.0)
-    return place
+        return _Contour(arc, np.zeros((0, 3)), np.zeros((0, 3)), step)
+    ways = np.stack([arc[0] - arc[1:4].mean(axis=0), arc[-1] - arc[-4:-1].mean(axis=0)])
+    ways /= np.maximum(np.linalg.norm(ways, axis=1), 1e-300)[:, None]
+    return _Contour(arc, arc[[0, -1]], ways, step)
 
 
 def _stack(planes: _Planes, axis: Floats) -> Ints:
@@ -209,23 +212,64 @@ def _stack(planes: _Planes, axis: Floats) -> Ints:
     return own[np.argsort(planes.offsets[own])] if len(own) > 2 else own[:0]
 
 
-def _ends_of(contours: dict[int, _Contour], planes: _Planes, stack: Ints) -> list[Observation]:
-    """Find points of the rim in one frame."""
+def _beyond(
+    frame: Frame, contours: dict[int, _Contour], planes: _Planes, stack: Ints
+) -> tuple[float, float]:
+    """Find how many steps beyond the last points of arcs along the axis the rim of a frame is.
+
+    A point may represent half a step on either side, be on the rim, or end early: where the base
+    is stated, that shows it. The rim is taken as a plane. The second is the deviation of an arc.
+    """
+    arcs = [one for i, one in contours.items() if i not in stack and len(one.ends)]
+    marks = [
+        point
+        for part in frame
+        for row, point in enumerate(part.points)
+        if part.end == "base" or (part.places and part.places[row] == "base")
+    ]
+    if not arcs or not marks or not len(stack):
+        return _BEYOND[0], 0.5
+    normal = planes.normals[stack[0]]
+    ends = np.concatenate([one.ends for one in arcs])
+    kept = _are_above(ends, contours, planes, stack)
+    away = (ends - np.mean(marks, axis=0))[kept]
+    steps = np.concatenate([one.step * one.ways @ normal for one in arcs])[kept]
+    flat = away @ across(normal).T
+    uneven = _UNEVEN * float((flat**2).sum(axis=1).mean()) ** 0.5 if kept.any() else 1.0
+    by_itself = np.diag([1.0 / _BEYOND[1], 1.0 / _LEAN, 1.0 / _LEAN])
+    rows = np.concatenate([np.column_stack([steps, -flat]) / uneven, by_itself])
+    values = np.append(-away @ normal / uneven, [_BEYOND[0] / _BEYOND[1], 0.0, 0.0])
+    return float(np.linalg.lstsq(rows, values, rcond=None)[0][0]), 12**-0.5
+
+
+def _are_above(ends: Floats, contours: dict[int, _Contour], planes: _Planes, stack: Ints) -> Bools:
+    """Return which ends are above all closed slices: a gap below one is not the opening."""
     closed = [i for i in stack if i in contours and not len(contours[i].ends)]
-    normal, low = (planes.normals[closed[-1]], planes.offsets[closed[-1]]) if closed else (0.0, 0.0)
+    if not closed:
+        return np.ones(len(ends), dtype=bool)
+    above: Bools = ends @ planes.normals[closed[-1]] > planes.offsets[closed[-1]]
+    return above
+
+
+def _ends_of(
+    contours: dict[int, _Contour],
+    planes: _Planes,
+    stack: Ints,
+    beyond: tuple[float, float],
+) -> list[Observation]:
+    """Find points of the rim in one frame, so many steps beyond the ends of arcs along the axis."""
     found = []
     for is_across in (True, False):
         own = [one for i, one in contours.items() if (i in stack) == is_across and len(one.ends)]
-        ends = np.concatenate([np.zeros((0, 3)), *(one.ends for one in own)])
-        # A gap below a closed contour is not the opening.
-        ends = ends[ends @ normal > low] if closed else ends
+        steps, sd = (0.5, 0.25) if is_across else beyond
+        far = [one.ends + steps * one.step * one.ways for one in own]
+        ends = np.concatenate([np.zeros((0, 3)), *far])
+        ends = ends[_are_above(ends, contours, planes, stack)]
         if not len(ends):
             continue
         step = float(np.median([one.step for one in own]))
         normals = np.tile(planes.normals[stack[0]], (len(ends), 1)) if is_across else None
-        found.append(
-            Observation(ends, sd=(0.25 if is_across else 0.5) * step, normals=normals, end="base")
-        )
+        found.append(Observation(ends, sd=sd * step, normals=normals, end="base"))
     return found
 
 

@@ -33,6 +33,18 @@ def slices(level: float, lean: float, lowest: float = -55.0, wide: float = 1.0) 
     return np.concatenate(rings)
 
 
+def arcs(level: float, early: float) -> list[Floats]:
+    """Long-axis sections with points every 3 mm of height, the last so many steps below the rim."""
+    z = np.arange(level - 3.0 * early, -55.0, -3.0)
+    r = np.array([radius_at(min(h, 0.0)) for h in z.tolist()])
+    half = np.stack([r, z], axis=1)
+    both = np.concatenate([half, half[::-1] * [-1.0, 1.0]])
+    turns = np.pi * (np.arange(3) / 3.0 + 0.1)
+    return [
+        np.column_stack([np.outer(both[:, 0], [np.cos(t), np.sin(t)]), both[:, 1]]) for t in turns
+    ]
+
+
 def frame_of(points: Floats, base: float | None) -> Frame:
     marks = [Observation(APEX[None], places=("apex",))]
     if base is not None:
@@ -89,6 +101,16 @@ def test_a_rim_between_slices_is_where_the_ejected_volume_puts_it() -> None:
     result = track(frames, topology="cup", modes=18)
     truth = 100.0 * (1.0 - volumes.min() / volumes[0])
     assert result.ejection_fraction == pytest.approx(truth, abs=1.5)
+
+
+@pytest.mark.parametrize("early", [0.0, 0.5, 2.5])
+def test_the_reference_shows_how_far_beyond_their_points_arcs_go_on(early: float) -> None:
+    frames = [
+        frame_of(np.concatenate([slices(-8.0, 0.0), *arcs(8.0, early)]), 8.0),
+        frame_of(np.concatenate([slices(-8.0, 0.0), *arcs(0.0, early)]), None),
+    ]
+    _, (ends, _) = added(frames)
+    assert ends.points[:, 2] == pytest.approx(np.zeros(6), abs=0.4)
 
 
 def test_an_apex_without_slices_is_below_the_first_by_as_much_as_where_it_is_stated() -> None:
