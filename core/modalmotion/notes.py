@@ -196,7 +196,8 @@ WORDS: Final = {
     ),
     "base_from_data": (
         "The base is not stated in {frames} of {n_frames}: it was assumed where the data end (for "
-        "slices, between the last one with a contour and the next). Give it if it is elsewhere."
+        "slices, between the last one with a contour and the next, as the volume ejected has it). "
+        "Give it if it is elsewhere."
     ),
     "base_from_volume": (
         "The base is not stated in {frames} of {n_frames}, and points do not show where an open "

@@ -6,7 +6,7 @@ ends at the rim, and where a slice has a contour and the next one has none the r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -18,7 +18,7 @@ from modalmotion.representation import Floats, Ints
 from modalmotion.template import Template
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.ends_of_data import lies_evenly
-from modalmotion.tracking.moving_base import ends_of_cup
+from modalmotion.tracking.moving_base import DESCENT, HELD, LENGTH, OFF_PATH, ends_of_cup
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 
 Ints = Ints
@@ -53,6 +53,9 @@ _SWAY: Final = 0.1
 # Of the radius: deviation of a rim from a plane.
 _UNEVEN: Final = 0.05
 
+# Iterations: levels and volumes follow from each other.
+_TURNS: Final = 3
+
 
 class _Planes(NamedTuple):
     """Planes n . x = d, n towards the base where they are across the axis."""
@@ -71,7 +74,7 @@ class _Contour(NamedTuple):
 
 def with_contour_ends(
     frames: Sequence[Frame], template: Template | None, reference: int
-) -> tuple[Frame, ...]:
+) -> tuple[tuple[Frame, ...], Mapping[str, Floats]]:
     """Add to frames of contours where these say that the surface ends.
 
     Parameters
@@ -89,10 +92,14 @@ def with_contour_ends(
         levels of base and apex along the normal of a stack of slices, as landmarks. Frames that
         state an end keep to that, and all are as they were where points are not in planes that
         stay.
+    dict of str to (frames, frames) float64, length unit squared
+        Covariance of levels that are between slices, as `with_levels` takes it.
     """
-    axis = _axis(frames[reference], template)
-    if axis is None:
-        return tuple(frames)
+    ends_of_axis = _ends_of_axis(frames[reference], template)
+    if ends_of_axis is None:
+        return tuple(frames), {}
+    tip, base = ends_of_axis
+    axis = (base - tip) / np.linalg.norm(base - tip)
     planes = _Planes(np.zeros((0, 3)), np.zeros(0))
     drawn: dict[int, dict[int, _Contour]] = {}
     for k in [reference, *(k for k in range(len(frames)) if k != reference)]:
@@ -106,7 +113,7 @@ def with_contour_ends(
         away = np.abs(points @ planes.normals.T - planes.offsets)
         is_on = away < _THICKNESS * step
         if not is_on.any(axis=1).mean() >= _MOST:
-            return tuple(frames)
+            return tuple(frames), {}
         counts = is_on.sum(axis=0)
         drawn[k] = {
             int(i): _contour(points[is_on[:, i]], planes.normals[i])
@@ -114,8 +121,10 @@ def with_contour_ends(
         }
     stack = _stack(planes, axis)
     ends = {k: _ends_of(own, planes, stack) for k, own in drawn.items()}
-    levels = _levels(frames, drawn, ends, planes, stack) if len(stack) else {}
-    full = list(frames)
+    full, covariance = list(frames), np.zeros((0, 0))
+    levels: dict[int, Observation] = {}
+    if len(stack):
+        levels, covariance = _levels(frames, drawn, ends, planes, stack, ends_of_axis)
     for k, own in ends.items():
         # However close slices are, that none is beyond the last one shows no end of a cloud.
         full[k] = tuple(
@@ -124,21 +133,19 @@ def with_contour_ends(
         )
         if not any(p.end == "base" or "base" in (p.places or ()) for p in frames[k]):
             full[k] = (*full[k], *own, *([levels[k]] if k in levels else ()))
-    for k, tip in _tips(frames, drawn, planes, stack).items():
-        full[k] = (*full[k], tip)
-    return tuple(full)
+    for k, level in _tips(frames, drawn, planes, stack).items():
+        full[k] = (*full[k], level)
+    return tuple(full), {"base": covariance} if covariance.any() else {}
 
 
-def _axis(frame: Frame, template: Template | None) -> Floats | None:
-    """Direction from apex to base; None if neither landmarks nor a cup say it."""
+def _ends_of_axis(frame: Frame, template: Template | None) -> tuple[Floats, Floats] | None:
+    """Apex and base; None if neither landmarks nor a cup say them."""
     ends = ends_in(frame)
     if not {"apex", "base"} <= set(ends):
         if template is None or template.topology != CUP:
             return None
         ends = dict(zip(("apex", "base"), ends_of_cup(template), strict=True))
-    axis = ends["base"] - ends["apex"]
-    size = float(np.linalg.norm(axis))
-    return axis / size if size > 0 else None
+    return None if (ends["base"] == ends["apex"]).all() else (ends["apex"], ends["base"])
 
 
 def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
@@ -228,30 +235,40 @@ def _levels(
     ends: dict[int, list[Observation]],
     planes: _Planes,
     stack: Ints,
-) -> dict[int, Observation]:
+    ends_of_axis: tuple[Floats, Floats],
+) -> tuple[dict[int, Observation], Floats]:
     """Find how high the middle of the rim is in each frame.
 
     The rim is taken as a plane that leans alike in all frames, but for some degrees. Ends of arcs
     are on it, and stated bases in its middle. Where no arc crosses it, it is between the last
     slice with a contour and the next; by how much not in the middle, all frames have in common.
+    All are near H - c E, E being the percentage of the volume ejected: see `base_by_volume`.
+
+    Returns
+    -------
+    dict of int to Observation
+    (frames, frames) float64, length unit squared
+        Covariance of levels that are between slices. Others have none.
     """
     normal, heights = planes.normals[stack[0]], planes.offsets[stack]
     spacing = float(np.median(np.diff(heights)))
     aside = across(normal)
-    numbers = list(drawn)
-    n = 3 * len(numbers) + 3
-    rows, values = [np.eye(n)[-3:] / [[_LEAN], [_LEAN], [spacing / 4.0]]], [np.zeros(3)]
+    tip, base = ends_of_axis
+    unit = float(np.linalg.norm(base - tip)) / LENGTH
+    numbers = [k for k, own in drawn.items() if any(plane in own for plane in stack)]
+    n = 3 * len(numbers) + 5
+    by_itself = np.array([_LEAN, _LEAN, spacing / 4.0, unit * DESCENT[1]])
+    rows, values = [np.eye(n)[-5:-1] / by_itself[:, None]], [np.zeros(4)]
+    values[0][-1] = DESCENT[0] / DESCENT[1]
 
     def add(row: Floats, value: float, sd: float) -> None:
         rows.append(row[None] / sd)
         values.append(np.array([value / sd]))
 
-    middles = {}
+    middles, between = {}, []
     for i, k in enumerate(numbers):
         own = drawn[k]
-        last = max((j for j, plane in enumerate(stack) if plane in own), default=None)
-        if last is None:
-            continue
+        last = max(j for j, plane in enumerate(stack) if plane in own)
         closed = [own[plane] for plane in stack if plane in own and not len(own[plane].ends)]
         around = (closed or [own[stack[last]]])[-1].points
         middles[k] = middle = around.mean(axis=0)
@@ -268,27 +285,56 @@ def _levels(
             add(row, point @ normal, float(np.hypot(sd, uneven)))
         for j in (0, 1):
             row = np.zeros(n)
-            row[[3 * i + 1 + j, n - 3 + j]] = 1.0, -1.0
+            row[[3 * i + 1 + j, n - 5 + j]] = 1.0, -1.0
             add(row, 0.0, _SWAY)
         if not ends[k]:
             high = heights[last + 1] if last + 1 < len(heights) else heights[last] + spacing
             row = np.zeros(n)
-            row[[3 * i, n - 1]] = 1.0, -1.0
+            row[[3 * i, n - 3]] = 1.0, -1.0
             add(row, (high + heights[last]) / 2.0, (high - heights[last]) / 12**0.5)
-    matrix, vector = np.concatenate(rows), np.concatenate(values)
-    covariance = np.linalg.pinv(matrix.T @ matrix)
-    found = covariance @ (matrix.T @ vector)
-    levels = {}
+        if not marks:
+            between.append(i)
+    n_free, ejected = len(rows), np.zeros(len(numbers))
+    for _ in range(_TURNS):
+        del rows[n_free:], values[n_free:]
+        for i, percent in enumerate(ejected):
+            row = np.zeros(n)
+            row[[3 * i, n - 2, n - 1]] = 1.0, percent, -1.0
+            add(row, 0.0, unit * OFF_PATH)
+        matrix, vector = np.concatenate(rows), np.concatenate(values)
+        covariance = np.linalg.pinv(matrix.T @ matrix)
+        found = covariance @ (matrix.T @ vector)
+        volumes = np.array(
+            [
+                _volume(drawn[k], planes, stack, float(tip @ normal), found[3 * i])
+                for i, k in enumerate(numbers)
+            ]
+        )
+        ejected = 100.0 * (1.0 - volumes / volumes.max())
+    of_levels = covariance[: n - 5 : 3, : n - 5 : 3]
+    levels, stated = {}, np.zeros((len(frames), len(frames)))
     for i, k in enumerate(numbers):
-        if k in middles:
-            place = middles[k] + (found[3 * i] - middles[k] @ normal) * normal
-            # What levels of frames have in common counts once, and not once a frame.
-            own_variance = covariance[3 * i, 3 * i]
-            variance = max(covariance[3 * i, : 3 * len(numbers) : 3].sum(), own_variance)
-            levels[k] = Observation(
-                place[None], sd=variance**0.5, normals=normal[None], places=("base",)
-            )
-    return levels
+        place = middles[k] + (found[3 * i] - middles[k] @ normal) * normal
+        # What levels of frames have in common counts once, and not once a frame.
+        sd = max(of_levels[i].sum(), of_levels[i, i]) ** 0.5
+        if i in between:
+            sd = unit * HELD
+            stated[k, np.array(numbers)[between]] = of_levels[i, between]
+        levels[k] = Observation(place[None], sd=sd, normals=normal[None], places=("base",))
+    return levels, stated
+
+
+def _volume(
+    own: dict[int, _Contour], planes: _Planes, stack: Ints, tip: float, level: float
+) -> float:
+    """Volume within the contours of one frame up to a level: near its tip a paraboloid."""
+    kept = [plane for plane in stack if plane in own]
+    heights, normal = planes.offsets[kept], planes.normals[stack[0]]
+    flat = [across(normal) @ own[plane].points.T for plane in kept]
+    areas = np.array([abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())) for x, y in flat])
+    areas /= 2.0
+    ends = areas[0] * (heights[0] - tip) / 2.0 + areas[-1] * (level - heights[-1])
+    return float(np.trapezoid(areas, heights) + ends)
 
 
 def _tips(

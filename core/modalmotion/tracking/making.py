@@ -76,7 +76,7 @@ def motion_in(
         Naming the frame, the limit and the remedy.
     """
     seen = _observed(recorded, parameters, start, period, progress)
-    ended = _with_ends_of_contours(seen)
+    ended, between = _with_ends_of_contours(seen)
     surface, shape = _surface_of(seen, ended)
     frames = _with_ends_of_data(seen, surface, shape, ended)
     here, based, levels = _frame_by_frame(seen, surface, frames)
@@ -84,7 +84,7 @@ def motion_in(
     chain, found = _all_frames(seen, surface, based, likely)
     vertices = _surfaces(surface, found)
     result = _with_deviations(seen, surface, shape, chain, found, vertices, likely)
-    return _with_notes(seen, result, frames, levels)
+    return _with_notes(seen, result, frames, {**between, **levels})
 
 
 class _Seen(NamedTuple):
@@ -173,10 +173,10 @@ def _observed(
     )
 
 
-def _with_ends_of_contours(seen: _Seen) -> tuple[Frame, ...]:
+def _with_ends_of_contours(seen: _Seen) -> tuple[tuple[Frame, ...], Mapping[str, Floats]]:
     """2. Where contours end."""
     if seen.shown is not None:
-        return seen.stated
+        return seen.stated, {}
     return with_contour_ends(seen.stated, seen.template, seen.first)
 
 

@@ -31,8 +31,8 @@ softly it stays behind. How far the place is off is added to what is stated."""
 _NEXT_TO_END: Final = 4
 _AT_END: Final = 0.9
 
-# mm from apex to base at end diastole, of those patients.
-_LENGTH: Final = 90.0
+LENGTH: Final = 90.0
+"""mm from apex to base at end diastole, of those patients."""
 
 
 def ends_of_cup(template: Template) -> tuple[Floats, Floats]:
@@ -73,7 +73,7 @@ def base_by_volume(
     assert cavity is not None  # noqa: S101
     tip, base = ends_of_cup(template)
     length = float(np.linalg.norm(tip - base))
-    down, unit = (tip - base) / length, length / _LENGTH
+    down, unit = (tip - base) / length, length / LENGTH
     volumes = np.abs(cavity.volume(shapes))
     per_volume = 100.0 / float(volumes.max())
     moved = s[:, None] ** _NEXT_TO_END * down
@@ -110,7 +110,7 @@ def with_assumed_base(
         return tuple(frames), {}
     places, covariance = base_by_volume(frames, template, reference, shapes)
     tip, base = ends_of_cup(template)
-    sd = HELD * float(np.linalg.norm(base - tip)) / _LENGTH
+    sd = HELD * float(np.linalg.norm(base - tip)) / LENGTH
     full = list(frames)
     for k in np.flatnonzero(is_open):
         if len(full[k]):

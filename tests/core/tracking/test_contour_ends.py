@@ -21,13 +21,13 @@ def radius_at(z: float) -> float:
     return float(RADIUS * np.sqrt(max(1.0 - (z / 60.0) ** 2, 0.0)))
 
 
-def slices(level: float, lean: float, lowest: float = -55.0) -> Floats:
+def slices(level: float, lean: float, lowest: float = -55.0, wide: float = 1.0) -> Floats:
     """Short-axis sections every 10 mm, of what lies below a rim that leans about y."""
     rings = []
     for z in np.arange(lowest, 15.0, SPACING).tolist():
         n = max(6, round(2.0 * np.pi * radius_at(z) / 1.5))
         t = 2.0 * np.pi * (np.arange(n) + 0.5) / n
-        r = radius_at(min(z, 0.0))
+        r = wide * radius_at(min(z, 0.0))
         ring = np.stack([r * np.cos(t), r * np.sin(t), np.full(n, z)], axis=1)
         rings.append(ring[z <= level + lean * ring[:, 0]])
     return np.concatenate(rings)
@@ -41,7 +41,7 @@ def frame_of(points: Floats, base: float | None) -> Frame:
 
 
 def added(frames: list[Frame]) -> list[Frame]:
-    full = with_contour_ends(frames, None, 0)
+    full, _ = with_contour_ends(frames, None, 0)
     return [own[len(frame) :] for frame, own in zip(frames, full, strict=True)]
 
 
@@ -60,13 +60,35 @@ def test_ends_of_arcs_lie_on_the_rim() -> None:
 
 
 def test_a_rim_without_arcs_is_between_the_last_slice_and_the_next() -> None:
-    frames = [frame_of(slices(8.0, 0.0), 8.0), frame_of(slices(-3.0, 0.0), None)]
-    _, (level,) = added(frames)
+    frames = [frame_of(slices(8.0, 0.0), 8.0), frame_of(slices(-3.0, 0.0, wide=0.7), None)]
+    (_, (*_, level)), errors = with_contour_ends(frames, None, 0)
     assert level.places == ("base",)
     # Slices at -5 and 5; of frame 0 at 5 and 15, where the base is 2 mm below their middle.
     assert -5.0 < level.points[0, 2] < 5.0
-    assert isinstance(level.sd, np.ndarray)
-    assert level.sd[0] > SPACING / 12**0.5
+    # Its error is stated beside it, and not by how softly it is held.
+    assert 1.5 < errors["base"][1, 1] ** 0.5 < SPACING / 12**0.5
+    assert not errors["base"][0].any()
+
+
+def test_a_rim_between_slices_is_where_the_ejected_volume_puts_it() -> None:
+    # Up to the middle the volume is 2/3 of that of a cylinder; the width alone changes it by 44 %.
+    wide = np.array([1.0, 0.85, 0.75, 0.75, 0.85, 0.95])
+    whole = (40.0 + 8.0) * np.ones(6)
+    for _ in range(20):
+        volumes = wide**2 * whole
+        bases = 8.0 - 0.185 * 68.0 / 90.0 * 100.0 * (1.0 - volumes / volumes[0])
+        below = np.minimum(bases, 0.0)
+        whole = 40.0 + np.maximum(bases, 0.0) + below - below**3 / (3.0 * 60.0**2)
+    frames = [
+        frame_of(slices(base, 0.0, wide=w), base if k == 0 else None)
+        for k, (base, w) in enumerate(zip(bases.tolist(), wide.tolist(), strict=True))
+    ]
+    full, _ = with_contour_ends(frames, None, 0)
+    levels = [own[-1].points[0, 2] for own in full[1:]]
+    assert levels == pytest.approx(bases[1:], abs=1.5)
+    result = track(frames, topology="cup", modes=18)
+    truth = 100.0 * (1.0 - volumes.min() / volumes[0])
+    assert result.ejection_fraction == pytest.approx(truth, abs=1.5)
 
 
 def test_an_apex_without_slices_is_below_the_first_by_as_much_as_where_it_is_stated() -> None:
@@ -83,7 +105,7 @@ def test_an_apex_without_slices_is_below_the_first_by_as_much_as_where_it_is_sta
 def test_slices_however_close_are_no_cloud_that_ends_at_the_last_one() -> None:
     frames = [frame_of(slices(2.0, 0.0), 2.0), frame_of(slices(-6.0, 0.0), None)]
     assert all(any(map(lies_evenly, frame)) for frame in frames)
-    assert not any(any(map(lies_evenly, frame)) for frame in with_contour_ends(frames, None, 0))
+    assert not any(any(map(lies_evenly, frame)) for frame in with_contour_ends(frames, None, 0)[0])
 
 
 def test_a_gap_below_a_closed_contour_is_no_rim() -> None:
@@ -105,7 +127,7 @@ def test_what_shows_no_end_is_left_as_it_was(kind: str, rng: np.random.Generator
         frames[1] = frame_of(points + 3.0, None)
     if kind == "no axis":
         frames = [(Observation(points),), (Observation(points),)]
-    assert with_contour_ends(frames, None, 0) == tuple(frames)
+    assert with_contour_ends(frames, None, 0) == (tuple(frames), {})
 
 
 def test_a_base_that_is_stated_once_descends_with_its_contours() -> None:
