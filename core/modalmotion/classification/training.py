@@ -104,25 +104,28 @@ def train(
     does not depend on it.
     """
     from joblib import Parallel, delayed
+    from threadpoolctl import threadpool_limits
 
-    chosen, report = options or TrainingOptions(), in_percent(progress)
-    reading = as_share(part_of(report, 0.0, _READ))
-    cohorts = collect_cohorts(cases, normal_displacements, chosen, reading)
-    splits = split_cases(cohorts[0], chosen, cv)
-    # Those of a basis have its motions in memory, so each is one piece of work.
-    works = (delayed(_fitted)(cohort, splits, chosen) for cohort in cohorts)
-    results = []
-    for number, result in enumerate(Parallel(return_as="generator", batch_size=1)(works)):
-        results.append(result)
-        report(_READ + (1.0 - _READ) * (number + 1) / len(cohorts))
-    final = better([result.final for result in results])
-    held_out = _held_out(results, splits, cohorts[final])
-    cohort, fit = cohorts[final], results[final].final
-    card, warning = _card(cohort, chosen, splits, held_out, fit)
-    weighed = _weighed_note(cohorts, results, final)
-    card = replace(card, notes=(*cohort.notes, *weighed, *splits.notes, *card.notes, *warning))
-    always = (*warning, *_always(cohort, fit))
-    return _model(cohort, name, results[final], held_out, card, always)
+    # Threads for matrices of a few dozen rows wait for one another: twice the processor's time.
+    with threadpool_limits(limits=1, user_api="blas"):
+        chosen, report = options or TrainingOptions(), in_percent(progress)
+        reading = as_share(part_of(report, 0.0, _READ))
+        cohorts = collect_cohorts(cases, normal_displacements, chosen, reading)
+        splits = split_cases(cohorts[0], chosen, cv)
+        # Those of a basis have its motions in memory, so each is one piece of work.
+        works = (delayed(_fitted)(cohort, splits, chosen) for cohort in cohorts)
+        results = []
+        for number, result in enumerate(Parallel(return_as="generator", batch_size=1)(works)):
+            results.append(result)
+            report(_READ + (1.0 - _READ) * (number + 1) / len(cohorts))
+        final = better([result.final for result in results])
+        held_out = _held_out(results, splits, cohorts[final])
+        cohort, fit = cohorts[final], results[final].final
+        card, warning = _card(cohort, chosen, splits, held_out, fit)
+        weighed = _weighed_note(cohorts, results, final)
+        card = replace(card, notes=(*cohort.notes, *weighed, *splits.notes, *card.notes, *warning))
+        always = (*warning, *_always(cohort, fit))
+        return _model(cohort, name, results[final], held_out, card, always)
 
 
 @contextmanager
