@@ -103,6 +103,18 @@ def test_a_rim_between_slices_is_where_the_ejected_volume_puts_it() -> None:
     assert result.ejection_fraction == pytest.approx(truth, abs=1.5)
 
 
+def test_a_frame_without_contours_leaves_the_errors_of_levels_of_the_others() -> None:
+    wide = (1.0, 0.9, 0.8, 0.8, 0.9)
+    frames = [frame_of(slices(8.0 - 20.0 * (1.0 - w), 0.0, wide=w), None) for w in wide]
+    frames[0] = frame_of(slices(8.0, 0.0), 8.0)
+    full = track(frames, topology="cup", modes=18)
+    frames[4] = (Observation(np.zeros((0, 3))),)
+    fewer = track(frames, topology="cup", modes=18)
+    assert full.volume_deviations is not None
+    assert fewer.volume_deviations is not None
+    assert fewer.volume_deviations[2] > 0.8 * full.volume_deviations[2]
+
+
 @pytest.mark.parametrize("early", [0.0, 0.5, 2.5])
 def test_the_reference_shows_how_far_beyond_their_points_arcs_go_on(early: float) -> None:
     frames = [
