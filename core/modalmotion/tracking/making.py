@@ -84,7 +84,9 @@ def motion_in(
     chain, found = _all_frames(seen, surface, based, likely)
     vertices = _surfaces(surface, found)
     result = _with_deviations(seen, surface, shape, chain, found, vertices, likely)
-    return _with_notes(seen, result, frames, {**between, **levels})
+    # The base is assumed in frames without contours; those between slices are others.
+    both = {name: between.get(name, 0.0) + own for name, own in levels.items()}
+    return _with_notes(seen, result, frames, {**between, **both})
 
 
 class _Seen(NamedTuple):
