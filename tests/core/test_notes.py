@@ -10,6 +10,7 @@ import pytest
 from project import ROOT
 
 import modalmotion as mm
+from modalmotion.classification.cases import LeftOut, left_out_notes
 from modalmotion.notes import WORDS, Note, notes_as_json, notes_from_json
 
 USED = [
@@ -45,6 +46,12 @@ def test_json_and_back() -> None:
     ).notes
     assert len(notes) > 1
     assert notes_from_json(json.loads(json.dumps(notes_as_json(notes)))) == notes
+
+
+def test_a_case_that_was_left_out_is_named_in_words() -> None:
+    _, note = left_out_notes([LeftOut("a {0}.npz", "it is {damaged}")])
+    assert note.text == "Left out: a {0}.npz: it is {damaged}"
+    assert notes_from_json(json.loads(json.dumps(notes_as_json([note])))) == (note,)
 
 
 def test_words_and_data_are_read_apart() -> None:

@@ -230,6 +230,6 @@ def left_out_notes(cases: Sequence[LeftOut]) -> tuple[Note, ...]:
     more = len(cases) - _MOST_NAMED
     return (
         Note.of("cases_left_out", n_cases=len(cases)),
-        *(Note.of("case_left_out", case=case) for case in cases[:_MOST_NAMED]),
+        *(Note.of("case_left_out", case=str(case)) for case in cases[:_MOST_NAMED]),
         *((Note.of("cases_also_left_out", cases=counted(more, "case")),) if more > 0 else ()),
     )

@@ -92,6 +92,9 @@ class ParserProcess:
         LimitError
             If it took longer than `seconds`, or more memory than the limits allow for.
         """
+        if self._child is not None and self._child.poll() is not None:
+            # Ended from outside since the last file, which this one is not to blame for.
+            self.close()
         if self._child is None:
             self._child = _start()
         child = self._child
@@ -123,7 +126,7 @@ class _OfThread(threading.local):
     """What each thread has for itself."""
 
     def __init__(self) -> None:
-        self.parsers: dict[ReadLimits, ParserProcess] = {}
+        self.parsers: dict[tuple[int, ReadLimits], ParserProcess] = {}
 
 
 _of_thread: Final = _OfThread()
@@ -135,10 +138,12 @@ def parser_of_thread(limits: ReadLimits) -> ParserProcess:
     It saves the half second in which a parser starts, and ends with the process. Only for files
     of one sender: one that takes over its parser reaches those after it.
     """
-    if limits not in _of_thread.parsers:
-        _of_thread.parsers[limits] = ParserProcess(limits)
-        atexit.register(_of_thread.parsers[limits].close)
-    return _of_thread.parsers[limits]
+    # A fork of this process has its own: of one parser both would read the other's answers.
+    own = os.getpid(), limits
+    if own not in _of_thread.parsers:
+        _of_thread.parsers[own] = ParserProcess(limits)
+        atexit.register(_of_thread.parsers[own].close)
+    return _of_thread.parsers[own]
 
 
 def broke_down() -> MalformedFileError:

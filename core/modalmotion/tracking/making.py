@@ -84,9 +84,9 @@ def motion_in(
     chain, found = _all_frames(seen, surface, based, likely)
     vertices = _surfaces(surface, found)
     result = _with_deviations(seen, surface, shape, chain, found, vertices, likely)
-    # Frames without slices have a base by volume beside those between slices.
-    errors = {name: between.get(name, 0.0) + own for name, own in levels.items()}
-    return _with_notes(seen, result, frames, {**between, **errors})
+    # The base is assumed in frames without contours; those between slices are others.
+    both = {name: between.get(name, 0.0) + own for name, own in levels.items()}
+    return _with_notes(seen, result, frames, {**between, **both})
 
 
 class _Seen(NamedTuple):

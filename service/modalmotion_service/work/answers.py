@@ -11,6 +11,7 @@ base64.
 
 from __future__ import annotations
 
+import json
 import types
 from collections.abc import Callable, Mapping
 from functools import lru_cache
@@ -18,7 +19,7 @@ from typing import Any, Final, get_type_hints
 
 import numpy as np
 from pydantic import ConfigDict, TypeAdapter
-from pydantic_core import PydanticSerializationError, from_json, to_json
+from pydantic_core import PydanticSerializationError, to_json
 
 from modalmotion import errors as core_errors
 from modalmotion.errors import ModalMotionError
@@ -101,7 +102,7 @@ def from_bytes(data: bytes, expected: object) -> Any:
     try:
         if data[:1] != _ERROR:
             return _reader(expected).validate_json(data.removeprefix(_RESULT))[0]
-        name, state = from_json(data[1:])
+        name, state = json.loads(data[1:])
         error = _read_error(str(name), dict(state))
     except Exception as fault:  # whatever a stranger's bytes lead to
         raise AnswerError(f"a worker's answer cannot be read: {type(fault).__name__}") from fault
@@ -130,7 +131,8 @@ def _plain(value: object) -> object:
 
 
 def _written(name: str, **state: object) -> bytes:
-    return _ERROR + to_json([name, state], inf_nan_mode="constants", fallback=str)
+    # Names in files may have lone surrogates: escaped, they are plain ASCII.
+    return _ERROR + json.dumps([name, state], default=str, skipkeys=True).encode()
 
 
 @lru_cache(maxsize=256)

@@ -16,7 +16,12 @@ from modalmotion.errors import MalformedFileError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, write_vtkhdf
 from modalmotion.formats import parser_child as child
 from modalmotion.formats.parser_child import landlock_version
-from modalmotion.formats.parser_process import ParserForks, ParserLostError
+from modalmotion.formats.parser_process import (
+    ParserForks,
+    ParserLostError,
+    ParserProcess,
+    parser_of_thread,
+)
 
 
 @pytest.fixture
@@ -107,3 +112,23 @@ def test_with_the_process_that_forks_them_parsers_end_too(forks: ParserForks) ->
         tell(forks)
     with pytest.raises(ParserLostError):
         tell(forks)
+
+
+def test_one_that_was_ended_between_files_says_nothing_of_the_next() -> None:
+    image = write_vtkhdf(sequence())
+    with ParserProcess(DEFAULT_LIMITS) as parser:
+        parser.parse("hdf5", image)
+        first = parser._child
+        assert first is not None
+        first.kill()
+        first.wait()
+        assert parser.parse("hdf5", image).arrays["vertices"].any()
+
+
+def test_a_fork_has_a_parser_of_its_own() -> None:
+    own = parser_of_thread(DEFAULT_LIMITS)
+    assert parser_of_thread(DEFAULT_LIMITS) is own
+    pid = os.fork()
+    if not pid:
+        os._exit(parser_of_thread(DEFAULT_LIMITS) is own)
+    assert os.waitpid(pid, 0)[1] == 0

@@ -139,6 +139,16 @@ def test_a_pickle_is_not_an_answer(tmp_path: Path) -> None:
         to_bytes(Hostile(tmp_path / "mark"))
 
 
+@pytest.mark.parametrize(
+    "details",
+    [{"name": "a\ud800.vtk"}, {"name": b"\xff"}, {"least": np.int64(3), "most": float("inf")}],
+)
+def test_errors_name_whatever_a_file_contains(details: dict[str, Any]) -> None:
+    error = NonFiniteError("'a\ud800.vtk' is not there.", remedy="Send it.", details=details)
+    with pytest.raises(NonFiniteError, match="\ud800"):
+        from_bytes(error_to_bytes(error), Any)
+
+
 @given(st.data())
 def test_damaged_answers_are_refused_or_read(data: st.DataObject) -> None:
     image = bytearray(to_bytes(sample()))
