@@ -103,18 +103,6 @@ def test_a_rim_between_slices_is_where_the_ejected_volume_puts_it() -> None:
     assert result.ejection_fraction == pytest.approx(truth, abs=1.5)
 
 
-def test_a_missing_frame_does_not_make_bases_between_slices_surer() -> None:
-    frames = [
-        frame_of(slices(base, 0.0, wide=wide), base if base == 8.0 else None)
-        for base, wide in ((8.0, 1.0), (-3.0, 0.75), (-2.0, 0.8), (6.0, 0.95))
-    ]
-    whole = track(frames, topology="cup", modes=7).volume_deviations
-    parted = track([*frames[:3], ()], topology="cup", modes=7).volume_deviations
-    assert whole is not None
-    assert parted is not None
-    assert parted[1:3] == pytest.approx(whole[1:3], rel=0.3)
-
-
 @pytest.mark.parametrize("early", [0.0, 0.5, 2.5])
 def test_the_reference_shows_how_far_beyond_their_points_arcs_go_on(early: float) -> None:
     frames = [
