@@ -65,6 +65,7 @@ def reading_of(
     facts: Facts = NO_FACTS,
     unit_from: Source = "file",
     notes: Iterable[Note] = (),
+    ignored: Iterable[str] = (),
     **more: Any,
 ) -> Reading:
     """Make the sequence of what a reader found, its frames in the order of their times.
@@ -79,6 +80,8 @@ def reading_of(
         As of `mesh_sequence`.
     unit_from : {"file", "format"}
     notes : iterable of Note
+    ignored : iterable of str
+        Names in the file. Half a character of UTF-16, which nothing can write, becomes "?".
     **more
         Further fields of the reading.
 
@@ -105,6 +108,7 @@ def reading_of(
         unit_from=None if sequence.unit is None else unit_from,
         times_from=None if sequence.times is None else "file",
         notes=(*notes, *added),
+        ignored=tuple(name.encode(errors="replace").decode() for name in ignored),
         **more,
     )
 

@@ -158,6 +158,13 @@ def test_an_animation_is_chosen_by_its_name() -> None:
         read_sequence(data, ReadOptions(animation="dance"))
 
 
+def test_a_name_that_cannot_be_written_is_ignored_by_one_that_can() -> None:
+    def edit(document: dict[str, Any]) -> None:
+        document["animations"].append({**document["animations"][0], "name": "half \ud83d"})
+
+    assert read_sequence(edited_glb(glb(scene(), *ARRAYS), edit)).ignored == ("animation half ?",)
+
+
 def test_a_file_without_animation_is_one_frame() -> None:
     read = read_sequence(glb(scene(animations=[]), *ARRAYS))
     assert read.sequence.n_frames == 1
