@@ -522,7 +522,7 @@ ELSEWHERE = {
     "a service that was started without --stateless": "tests/service/routes/test_stateless.py",
     "Leave --label out": "tests/core/cli/test_track_commands.py",
     "Name one of these by --label": "tests/core/tracking/test_label_values.py",
-    "Name the cavity by --label VALUE": "tests/core/tracking/test_label_values.py",
+    "Name the cavity (--label VALUE)": "tests/core/tracking/test_label_values.py",
     "Label more slices": "tests/core/tracking/test_label_slices.py",
     "Name a .png, or track images with --picture data": "tests/core/cli/test_track_commands.py",
     "Name another owner of FOLDER: --owner": "tests/core/cli/test_store_commands.py",

@@ -94,7 +94,7 @@ def whole_labels(labels: Sequence[str | int]) -> list[int]:
         except ValueError:
             raise ParameterError(
                 f"The label {label!r:.40} is no whole number, as those of a label map are.",
-                remedy="Name the cavity by --label VALUE, or --label none if it is no label map.",
+                remedy="Name the cavity (--label VALUE), or say that it is no label map (--label none).",
             ) from None
     return values
 
@@ -206,5 +206,5 @@ def _of_one(volume: Volume, value: int, named: str) -> tuple[int, Note]:
 def _undecided(reason: str, named: str) -> ParameterError:
     return ParameterError(
         f"Which label is the cavity? Of the labels in the map ({named}) {reason}.",
-        remedy="Name the cavity by --label VALUE, or --label none if it is no label map.",
+        remedy="Name the cavity (--label VALUE), or say that it is no label map (--label none).",
     )
