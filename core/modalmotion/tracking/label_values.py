@@ -22,6 +22,8 @@ from modalmotion.representation import Floats, Ints
 NO_MAP: Final = "none"
 """Label of images that are no label map, though they have few whole numbers."""
 
+_REMEDY: Final = "Name the cavity (--label VALUE), or say that it is no label map (--label none)."
+
 # Of a map of labels: most values, range of these, and least share of neighbours that are alike.
 _MOST_VALUES: Final = 150
 _WIDEST: Final = 1000
@@ -94,7 +96,7 @@ def whole_labels(labels: Sequence[str | int]) -> list[int]:
         except ValueError:
             raise ParameterError(
                 f"The label {label!r:.40} is no whole number, as those of a label map are.",
-                remedy="Name the cavity (--label VALUE), or say that it is no label map (--label none).",
+                remedy=_REMEDY,
             ) from None
     return values
 
@@ -206,5 +208,5 @@ def _of_one(volume: Volume, value: int, named: str) -> tuple[int, Note]:
 def _undecided(reason: str, named: str) -> ParameterError:
     return ParameterError(
         f"Which label is the cavity? Of the labels in the map ({named}) {reason}.",
-        remedy="Name the cavity (--label VALUE), or say that it is no label map (--label none).",
+        remedy=_REMEDY,
     )
