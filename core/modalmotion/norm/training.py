@@ -15,7 +15,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import LEVEL, fewest_controls
 from modalmotion.norm.norm import Norm, reading_of
 from modalmotion.notes import Note
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import counted
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 
@@ -29,7 +29,7 @@ def train_norm(
     *,
     modes: int = 7,
     topology: str | None = None,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> Norm:
     """Make a norm of recordings of people who are taken as usual.
 
@@ -74,13 +74,11 @@ def train_norm(
     signatures = alike(cases, parameters)[0].signatures
     transformer.fit(signatures)
     readings = []
-    for number, (case, signature) in enumerate(zip(cases, signatures, strict=True)):
+    for case, signature in reported(zip(cases, signatures, strict=True), progress, len(cases)):
         sequence, extractor = case.read_sequence(), transformer.extractor_
         readings.append(
             reading_of(signature, sequence, extractor, subject=case.subject, name=case.name)
         )
-        if progress is not None:
-            progress(number + 1, len(cases))
     notes = []
     if len(cases) < fewest_controls(LEVEL):
         notes.append(
