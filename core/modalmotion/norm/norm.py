@@ -42,7 +42,7 @@ from modalmotion.norm.deviation import (
     without_covariates,
 )
 from modalmotion.notes import Note, notes_as_json, notes_from_json
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import Floats, counted, numeral, shown
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes
@@ -554,7 +554,7 @@ def train_norm(
     *,
     modes: int = 7,
     topology: str | None = None,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> Norm:
     """Make a norm of recordings of people who are taken as usual.
 
@@ -599,13 +599,11 @@ def train_norm(
     signatures = alike(cases, parameters)[0].signatures
     transformer.fit(signatures)
     readings = []
-    for number, (case, signature) in enumerate(zip(cases, signatures, strict=True)):
+    for case, signature in reported(zip(cases, signatures, strict=True), progress, len(cases)):
         sequence, extractor = case.read_sequence(), transformer.extractor_
         readings.append(
             reading_of(signature, sequence, extractor, subject=case.subject, name=case.name)
         )
-        if progress is not None:
-            progress(number + 1, len(cases))
     notes = []
     if len(cases) < fewest_controls(LEVEL):
         notes.append(

@@ -18,6 +18,7 @@ import pytest
 import modalmotion as mm
 from modalmotion.errors import ModalMotionError
 from modalmotion.mesh import face_areas
+from modalmotion.progress import Progress
 
 ROOT: Final = Path(mm.__file__).parent
 # The command line, and numbers that models read, which have no user.
@@ -118,7 +119,7 @@ def test_first_guesses_are_told_what_to_write(attempt: Callable[[], Any], remedy
 
 
 def test_a_mistake_within_is_not_the_users() -> None:
-    def progress(*_: int) -> None:
+    def progress(_: Progress) -> None:
         raise TypeError("progress() got an unexpected keyword argument 'total'")
 
     with pytest.raises(TypeError, match="'total'"):
