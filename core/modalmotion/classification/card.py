@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification.performance import Curve, Interval, Measured, RocCurve
 from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.notes import Note, notes_from_json
-from modalmotion.representation import shown
+from modalmotion.representation import plain, shown
 from modalmotion.signature.making import SignatureParameters
 
 # Tables of features that are named in words, the weightiest.
@@ -109,7 +108,7 @@ class ModelCard(Plotted):
 
     def as_json(self) -> dict[str, Any]:
         """Return the card as JSON-able values, tuples as lists."""
-        listed: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        listed: dict[str, Any] = plain(self)
         return listed
 
     @staticmethod

@@ -27,7 +27,7 @@ from modalmotion.cli.options import (
     write_picture,
 )
 from modalmotion.notes import Note
-from modalmotion.representation import numeral, probability
+from modalmotion.representation import numeral, plain, probability
 
 if TYPE_CHECKING:
     from modalmotion.classification import Classification, Model
@@ -87,7 +87,7 @@ def evaluate(
         write_picture(evaluation_figure(result), plot)
     if cases_file is not None:
         write_atomic(cases_file, result.as_csv().encode())
-    answer = result.as_json()
+    answer = plain(result)
     said = {**answer, "cases": None, "confusion": _confusion(result.classes, result.confusion)}
     return {**answer, "left_out": notes}, described({**said, "left_out": notes})
 
@@ -138,7 +138,7 @@ def compare_models(
 
     asked = partial(compare, model_named(first), model_named(second))
     result, notes = _asked(sources, unit, skip_unreadable, asked, coverage)
-    answer = {**result.as_json(), "left_out": notes}
+    answer = {**plain(result), "left_out": notes}
     return answer, described({**answer, "evaluations": None})
 
 
