@@ -12,12 +12,12 @@ import scipy
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification.answer import Classification, classify
 from modalmotion.classification.cases import UNUSABLE, AnyCase, LeftOut, TrainingCase
-from modalmotion.classification.intervals import Z
 from modalmotion.classification.model import Model
 from modalmotion.classification.performance import (
     METHODS,
     Answers,
     Performance,
+    Z,
     macro_area,
     performance,
 )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.classification.answer_hdf5 import read_classification
+from modalmotion.classification.answer import read_classification
 from modalmotion.classification.card import ModelRecord, ModelReference
 from modalmotion.classification.model_files import read_kept_model
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError

@@ -20,7 +20,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh.facts import Facts
 from modalmotion.norm import Norm, norm_from_hdf5
-from modalmotion.norm.training import parameters_of_controls
+from modalmotion.norm.norm import parameters_of_controls
 from modalmotion.progress import Progress, Reporter, part_of, silent
 from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.errors import ConflictError
