@@ -7,13 +7,11 @@ from modalmotion.classification.answer import (
     Classification,
     ModeContribution,
     classify,
-    only_modes,
 )
-from modalmotion.classification.card import ModelCard
+from modalmotion.classification.card import ModelCard, card_markdown
 from modalmotion.classification.cases import CaseFile, TrainingCase
 from modalmotion.classification.evaluation import Comparison, Evaluation, compare_models, evaluate
 from modalmotion.classification.feature_tables import FeatureTable, feature_table
-from modalmotion.classification.markdown import card_markdown
 from modalmotion.classification.model import Model
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
@@ -57,7 +55,6 @@ __all__ = [
     "load_model",
     "model_from_hdf5",
     "model_to_hdf5",
-    "only_modes",
     "shipped_for",
     "train",
 ]

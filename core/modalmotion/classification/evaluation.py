@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Sized
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -12,19 +12,19 @@ import scipy
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification.answer import Classification, classify
 from modalmotion.classification.cases import UNUSABLE, AnyCase, LeftOut, TrainingCase
-from modalmotion.classification.intervals import Z
 from modalmotion.classification.model import Model
 from modalmotion.classification.performance import (
     METHODS,
     Answers,
     Performance,
+    Z,
     macro_area,
     performance,
 )
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.notes import Note
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import Floats, Ints, counted, csv_text, shown
 
 
@@ -122,10 +122,6 @@ class Evaluation(Performance, Plotted):
         """The answers as figures are made of them."""
         return _figures_of(self.classes, self.cases)
 
-    def as_json(self) -> dict[str, Any]:
-        """Return it as JSON-able values."""
-        return asdict(self)
-
     def as_csv(self) -> str:
         """Write the answers as a table, a line for each case.
 
@@ -152,7 +148,7 @@ def evaluate(
     model: Model,
     cases: Iterable[AnyCase],
     coverage: float = 0.9,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     left_out: list[LeftOut] | None = None,
 ) -> Evaluation:
     """Test a model.
@@ -185,17 +181,16 @@ def _evaluations(
     models: Sequence[Model],
     cases: Iterable[AnyCase],
     coverage: float,
-    progress: Progress | None,
+    progress: Reporter | None,
     left_out: list[LeftOut] | None,
 ) -> list[Evaluation]:
     """Test models on the same cases: one that cannot be used with one of them is left out of all.
 
     Parameters are those of `evaluate`.
     """
-    n_cases = len(cases) if isinstance(cases, Sized) else 0
     answers: list[list[CaseAnswer]] = [[] for _ in models]
     n_trained = [0] * len(models)
-    for number, source in enumerate(cases):
+    for number, source in enumerate(reported(cases, progress)):
         called = source.name or f"case {number}"
         try:
             case = source if isinstance(source, TrainingCase) else source.read()
@@ -216,8 +211,6 @@ def _evaluations(
             for k, (model, result) in enumerate(zip(models, results, strict=True)):
                 answers[k].append(CaseAnswer.of(case, result))
                 n_trained[k] += _is_known(case, model)
-        if progress is not None:
-            progress(number + 1, max(n_cases, number + 1))
     each = zip(models, answers, n_trained, strict=True)
     return [evaluation_of(model, own, coverage, n) for model, own, n in each]
 
@@ -357,18 +350,13 @@ class Comparison:
     methods: str
     notes: tuple[Note, ...]
 
-    def as_json(self) -> dict[str, Any]:
-        """Return it as JSON-able values."""
-        figures = {k: v._asdict() for k, v in vars(self).items() if isinstance(v, Difference)}
-        return {**asdict(self), **figures}
-
 
 def compare_models(
     first: Model,
     second: Model,
     cases: Iterable[AnyCase],
     coverage: float = 0.9,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     left_out: list[LeftOut] | None = None,
 ) -> Comparison:
     """Test two models on the same cases.

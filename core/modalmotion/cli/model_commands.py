@@ -27,7 +27,7 @@ from modalmotion.cli.options import (
     write_picture,
 )
 from modalmotion.notes import Note
-from modalmotion.representation import numeral, probability
+from modalmotion.representation import numeral, plain, probability
 
 if TYPE_CHECKING:
     from modalmotion.classification import Classification, Model
@@ -87,7 +87,7 @@ def evaluate(
         write_picture(evaluation_figure(result), plot)
     if cases_file is not None:
         write_atomic(cases_file, result.as_csv().encode())
-    answer = result.as_json()
+    answer = plain(result)
     said = {**answer, "cases": None, "confusion": _confusion(result.classes, result.confusion)}
     return {**answer, "left_out": notes}, described({**said, "left_out": notes})
 
@@ -138,7 +138,7 @@ def compare_models(
 
     asked = partial(compare, model_named(first), model_named(second))
     result, notes = _asked(sources, unit, skip_unreadable, asked, coverage)
-    answer = {**result.as_json(), "left_out": notes}
+    answer = {**plain(result), "left_out": notes}
     return answer, described({**answer, "evaluations": None})
 
 
@@ -186,26 +186,23 @@ def classify(
     return _answer_json(result), _answer_lines(result)
 
 
-@command("card mine.h5 --markdown -o README.md")
+@command("card mine.h5 -o card.md")
 @click.argument("model")
-def card(
-    model: str, markdown: bool = False, out: Annotated[Path | None, OutputFile()] = None
-) -> Any:
+def card(model: str, out: Annotated[Path | None, OutputFile()] = None) -> Any:
     """Show the training and the performance of MODEL.
 
     MODEL is a file, or the name of an included model.
 
     Parameters
     ----------
-    markdown
-        As Markdown with a YAML head, as on the Hugging Face Hub.
     out
-        File to write.
+        File to write, as Markdown.
     """
+    from modalmotion.classification import card_markdown
     from modalmotion.store import write_atomic
 
     stored = model_named(model)
-    text = _card_text(stored, markdown=markdown, file=model if Path(model).is_file() else None)
+    text = card_markdown(stored.name, stored.id, stored.card)
     if out is not None:
         write_atomic(out, text.encode())
     return stored.card.as_json(), [text.rstrip()] if out is None else []
@@ -317,6 +314,7 @@ def train(
     cases_file
         Table to write: probabilities of each case, held out (.csv).
     """
+    from modalmotion.classification import card_markdown
     from modalmotion.classification import train as fit
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
@@ -332,7 +330,7 @@ def train(
         from modalmotion.pictures.classification import card_figure
 
         write_picture(card_figure(model.card, name), plot)
-    said = [_card_text(model, file=str(out))]
+    said = [card_markdown(model.name, model.id, model.card)]
     if cases_file is not None and model.cross_validation is not None:
         write_atomic(cases_file, model.cross_validation.as_csv().encode())
     elif cases_file is not None:
@@ -341,14 +339,6 @@ def train(
     written = [path for path in (out, plot, cases_file) if path is not None]
     answer = {"name": model.name, "id": model.id, "card": model.card.as_json()}
     return {**answer, "written": written}, said
-
-
-def _card_text(model: Model, *, markdown: bool = False, file: str | None = None) -> str:
-    """Write a model's card as Markdown, with the YAML head of registries if so."""
-    from modalmotion.classification import card_markdown
-
-    page = card_markdown(model.name, model.id, model.card, file=file)
-    return page if markdown else page.split("---\n", 2)[2].lstrip()
 
 
 def _confusion(

@@ -4,8 +4,6 @@ Equation numbers are those of Nastar, INRIA research report, 1994. All closed-fo
 need not be built, and may be of any size.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, Final
@@ -14,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.modes.lattice import Lattice, require_within_zone
+from modalmotion.modes.lattice import Lattice, require_within_zone, sin_pi
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import CLOSED
-from modalmotion.modes.trigonometry import sin_pi
 from modalmotion.representation import Floats, Ints
 
 ComplexArray = NDArray[np.complex128]

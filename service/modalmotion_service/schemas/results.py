@@ -1,16 +1,13 @@
 """Compressed streams, classes, read-outs, and answers for many files."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from modalmotion.classification import FLAGS, Classification
 from modalmotion.classification.answer import ModeContribution
 from modalmotion.clinical import ClinicalReadouts
-from modalmotion.clinical.rates import Rates
-from modalmotion.clinical.sensitivity import Sensitivities
-from modalmotion.clinical.torsion import Torsion
-from modalmotion.clinical.ventricle import VentricleReadouts, readouts_json
+from modalmotion.clinical.readouts import Rates
+from modalmotion.clinical.strain import Torsion
+from modalmotion.clinical.ventricle import Sensitivities, VentricleReadouts, readouts_json
 from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.notes import Note
@@ -30,7 +27,7 @@ class EncodedAnswer(Answer):
     transform: str
 
     @staticmethod
-    def of(stream: Encoded) -> EncodedAnswer:
+    def of(stream: Encoded) -> "EncodedAnswer":
         """Write the measurements out."""
         return read_from(EncodedAnswer, stream)
 
@@ -66,7 +63,7 @@ class ClassificationAnswer(Answer):
     @staticmethod
     def of(
         result: Classification, version: int | None, file: str | None = None
-    ) -> ClassificationAnswer:
+    ) -> "ClassificationAnswer":
         """Write a classification out."""
         return read_from(
             ClassificationAnswer,
@@ -264,6 +261,6 @@ class ReadoutsAnswer(Answer):
     intended_use: str = INTENDED_USE
 
     @staticmethod
-    def of(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> ReadoutsAnswer:
+    def of(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> "ReadoutsAnswer":
         """Write read-outs out."""
         return ReadoutsAnswer(**readouts_json(readouts, ventricle))

@@ -20,12 +20,12 @@ def blocks(language: str) -> list[str]:
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_its_code_runs() -> None:
-    for extra in ("anywidget", "pandas", "xarray"):
+    for extra in ("anywidget", "pandas"):
         pytest.importorskip(extra)
     namespace: dict[str, object] = {}
     for block in blocks("python"):
         exec(block, namespace)  # noqa: S102 (our own document)
-    assert "amplitude" in str(namespace["dataset"])
+    assert "amplitude" in str(namespace["table"])
 
 
 def test_its_commands_run(tmp_path: Path) -> None:
