@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -80,6 +81,61 @@ def require_affine(affine: Any, n_axes: int) -> Floats:
     return A
 
 
+def are_missing(samples: NDArray[Any]) -> bool:
+    """Return whether any sample is not finite, looking at a slab at a time."""
+    return samples.dtype.kind == "f" and not all(np.isfinite(slab).all() for slab in samples)
+
+
+# Of the eight or four samples around a place, by weight: fewer that are there say too little.
+_LEAST_SHARE = 0.5
+
+
+def interpolated(values: NDArray[Any], indices: Floats, *, are_missing: bool) -> Floats:
+    """Interpolate linearly; NaN outside, and where most samples around are missing.
+
+    Parameters
+    ----------
+    values : (i, j, k) or (i, j) array
+        NaN if missing.
+    indices : (n, axes) float64
+    are_missing : bool
+        Whether any are.
+
+    Returns
+    -------
+    (n,) float64
+    """
+    if are_missing:
+        return _among_missing(values, indices)
+    places = np.ascontiguousarray(indices.T)
+    found: Floats = scipy.ndimage.map_coordinates(
+        values, places, output=np.float64, order=1, cval=np.nan
+    )
+    return found
+
+
+def _among_missing(values: NDArray[Any], indices: Floats) -> Floats:
+    """Weigh the samples around each place that are there; no array as large as the image."""
+    last = np.array(values.shape) - 1
+    with np.errstate(invalid="ignore"):
+        inside = ((indices >= 0) & (indices <= last)).all(axis=1)
+    places = indices[inside]
+    low = np.minimum(places.astype(np.int64), np.maximum(last - 1, 0))
+    share = places - low
+    total, weight = np.zeros(len(places)), np.zeros(len(places))
+    for corner in product((0, 1), repeat=len(last)):
+        step = np.array(corner)
+        own = np.where(step, share, 1.0 - share).prod(axis=1)
+        samples = values[tuple(np.minimum(low + step, last).T)].astype(np.float64)
+        is_there = np.isfinite(samples)
+        total += np.where(is_there, own * np.where(is_there, samples, 0.0), 0.0)
+        weight += np.where(is_there, own, 0.0)
+    found = np.full(len(indices), np.nan)
+    enough = weight >= _LEAST_SHARE
+    found[inside] = np.where(enough, total / np.maximum(weight, _LEAST_SHARE), np.nan)
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class _Samples(FrozenArrays):
     """Samples in space, along as many axes as a subclass has."""
@@ -104,6 +160,10 @@ class _Samples(FrozenArrays):
         return self.affine[:, -1]
 
     @cached_property
+    def _are_missing(self) -> bool:
+        return are_missing(self.values)
+
+    @cached_property
     def _inverse(self) -> Floats:
         return np.asarray(np.linalg.pinv(self.affine[:, :-1]), dtype=np.float64)
 
@@ -113,15 +173,8 @@ class _Samples(FrozenArrays):
         return found
 
     def sample(self, points: Floats) -> Floats:
-        """Interpolate linearly at points (n, 3), mm, or at their feet on a plane.
-
-        NaN outside the image, and beside samples that are missing.
-        """
-        places = np.ascontiguousarray(self.indices(points).T)
-        found: Floats = scipy.ndimage.map_coordinates(
-            self.values, places, output=np.float64, order=1, cval=np.nan
-        )
-        return found
+        """Interpolate at points (n, 3), mm, or at their feet on a plane; NaN outside the image."""
+        return interpolated(self.values, self.indices(points), are_missing=self._are_missing)
 
 
 @shown("values", "spacing")

@@ -11,7 +11,7 @@ from ellipsoid_images import planes, volume
 from modalmotion.errors import InputError, ParameterError, ShapeError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.sequence import images_in
-from modalmotion.images.volume import slices_of
+from modalmotion.images.volume import interpolated, slices_of
 
 SHEARED = np.array([[1.5, 0.4, 0.0, 3.0], [0.0, -2.0, 0.1, -7.0], [0.2, 0.0, 3.0, 11.0]])
 
@@ -36,14 +36,16 @@ def test_a_linear_field_is_interpolated_exactly_in_any_axes() -> None:
     assert own.spacing == pytest.approx(np.linalg.norm(SHEARED[:, :3], axis=0))
 
 
-def test_places_beside_missing_samples_are_unknown() -> None:
-    values = np.full((6, 6, 6), 5.0)
+def test_missing_samples_are_left_out_and_not_spread() -> None:
+    values, gradient = linear(SHEARED, (6, 6, 6))
+    values = np.ones_like(values) * 5.0
     values[2, 2, 2] = np.nan
     own = Volume(values, SHEARED)
-    at = np.array([[2.4, 2.0, 2.0], [1.1, 2.9, 2.9], [2.0, 2.0, 2.0], [3.1, 2.9, 2.2]])
+    at = np.array([[2.4, 2.0, 2.0], [2.9, 2.6, 2.2], [2.0, 2.0, 2.0]])
     found = own.sample(at @ SHEARED[:, :3].T + SHEARED[:, 3])
-    assert np.isnan(found[:3]).all()
-    assert found[3] == pytest.approx(5.0)
+    assert np.isnan(found[[0, 2]]).all()
+    assert found[1] == pytest.approx(5.0)
+    assert gradient.shape == (3,)
 
 
 def test_planes_are_sampled_at_the_foot_of_a_point() -> None:
@@ -138,3 +140,28 @@ def test_sampling_keeps_nothing_as_large_as_the_image() -> None:
     sliced = ImageSequence((Volume(values, np.diag([1.0, 1.0, 4.0, 1.0])),)).sliced().frames[0]
     assert isinstance(sliced, PlaneSet)
     assert all(np.shares_memory(plane.values, values) for plane in sliced.planes)
+
+
+def test_missing_samples_count_by_what_is_there() -> None:
+    values = np.random.default_rng(0).normal(size=(6, 5, 4))
+    points = np.random.default_rng(1).uniform(-1, 6, (400, 3))
+    whole = Volume(values, np.eye(4)).sample(points)
+    # Both ways to interpolate say the same where nothing is missing.
+    assert interpolated(values, points, are_missing=True) == pytest.approx(whole, nan_ok=True)
+    holes = np.where(np.random.default_rng(2).random(values.shape) < 0.2, np.nan, values)
+    corners = np.stack([np.floor(points) + c for c in np.ndindex(2, 2, 2)], axis=1)
+    found = Volume(holes, np.eye(4)).sample(points)
+    for place, around, value in zip(points, corners, found, strict=True):
+        if not ((place >= 0) & (place <= np.array(values.shape) - 1)).all():
+            assert np.isnan(value)
+            continue
+        weights = (1.0 - np.abs(around - place)).prod(axis=1)
+        own = np.array(
+            [holes[tuple(np.minimum(c, np.array(values.shape) - 1).astype(int))] for c in around]
+        )
+        there = np.isfinite(own)
+        share = weights[there].sum()
+        if share < 0.5:
+            assert np.isnan(value)
+        else:
+            assert value == pytest.approx((weights * np.where(there, own, 0)).sum() / share)
