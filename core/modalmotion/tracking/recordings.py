@@ -18,7 +18,7 @@ from modalmotion.images import ImageSequence
 from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 from modalmotion.tracking.hdf5 import kept_track
 from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
 from modalmotion.tracking.label_values import is_label_map, whole_labels
@@ -39,7 +39,7 @@ def track(
     *,
     start: Start | None = None,
     facts: Facts = NO_FACTS,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     **options: Any,
 ) -> Track:
     """Track a surface through what does not correspond from frame to frame.
@@ -103,7 +103,7 @@ def follow(
     *,
     start: Start | None = None,
     facts: Facts = NO_FACTS,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> Track:
     """Track what was recorded; see `track`."""
     require_surface_tracking(facts)
@@ -212,7 +212,7 @@ def segment(
     modes: int = USUAL_MODES,
     papillary: Papillary = "pool",
     labels: tuple[str | int, ...] = (),
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> Track:
     """Find a surface in one image.
 
