@@ -20,7 +20,7 @@ from project import ROOT
 from running import RunningService
 
 from modalmotion.cli import main
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.images import ImageSequence
 
 

@@ -77,7 +77,7 @@ def score(truth: MeshSequence, answer: MeshSequence, deviations: Floats | None =
     if truth.n_frames != answer.n_frames:
         raise ShapeError(
             f"The truth has {truth.n_frames} frames and the answer {answer.n_frames}.",
-            remedy="Give both at the same instants: see `modalmotion resample`.",
+            remedy="Give both at the same instants: see `modalmotion.resample`.",
         )
     if deviations is not None and deviations.shape != answer.vertices.shape[:2]:
         raise ShapeError(

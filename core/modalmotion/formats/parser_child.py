@@ -36,9 +36,9 @@ _TASKS: Final = {
     "mat": "modalmotion.formats.named_arrays:parse_matlab",
     "dicom": "modalmotion.formats.volumes.dicom:parse_dicom",
     "study": "modalmotion.formats.volumes.dicom:parse_study",
-    "metaimage": "modalmotion.formats.volumes.nrrd_metaimage:parse_metaimage",
-    "nifti": "modalmotion.formats.volumes.nifti:parse_nifti",
-    "nrrd": "modalmotion.formats.volumes.nrrd_metaimage:parse_nrrd",
+    "metaimage": "modalmotion.formats.volumes.one_file:parse_metaimage",
+    "nifti": "modalmotion.formats.volumes.one_file:parse_nifti",
+    "nrrd": "modalmotion.formats.volumes.one_file:parse_nrrd",
 }
 
 UNCONFINED: Final = 77

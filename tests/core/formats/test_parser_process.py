@@ -94,7 +94,7 @@ parser_child.confine = lambda: False
 sys.exit(parser_child.main())
 """
     monkeypatch.setattr(parser_process, "_start", lambda: started(program))
-    with ParserProcess(DEFAULT_LIMITS) as parser, pytest.raises(ParserLostError):
+    with ParserProcess(DEFAULT_LIMITS, 30.0) as parser, pytest.raises(ParserLostError):
         parser.parse("hdf5", write_vtkhdf(sequence()))
 
 
