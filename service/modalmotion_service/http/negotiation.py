@@ -1,7 +1,5 @@
 """What the headers of a request ask for: a media type, an answer at once, only what is new."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from typing import Final

@@ -1,7 +1,5 @@
 """Models and norms: made of stored sequences, listed, described, tested, asked, deleted."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from typing import Annotated

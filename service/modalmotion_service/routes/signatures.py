@@ -1,7 +1,5 @@
 """Signatures of stored sequences: made, listed, shown, deleted; and what follows from them."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

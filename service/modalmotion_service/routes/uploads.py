@@ -3,8 +3,6 @@
 And signatures, classes and streams of files that are sent with the request; nothing is stored.
 """
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 from collections import Counter

@@ -1,7 +1,5 @@
 """Models, norms and tables of features: what is said of them, and by them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final, Literal
 
@@ -32,7 +30,7 @@ class ModelSummary(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(record: ModelRecord, versions: list[int]) -> ModelSummary:
+    def of(record: ModelRecord, versions: list[int]) -> "ModelSummary":
         """Write a record out."""
         here = f"/v1/models/{record.name}"
         return read_from(
@@ -86,7 +84,7 @@ class ModelCardAnswer(Curves):
     """Facts to know before relying on a model."""
 
     @staticmethod
-    def of(card: ModelCard) -> ModelCardAnswer:
+    def of(card: ModelCard) -> "ModelCardAnswer":
         """Write a card out."""
         return ModelCardAnswer(**Curves.written(card.as_json()))
 
@@ -101,7 +99,7 @@ class ModelAnswer(ModelSummary):
     """HDF5 file within the data folder; null for a shipped model."""
 
     @staticmethod
-    def with_card(model: KeptModel, versions: list[int], file: str | None) -> ModelAnswer:
+    def with_card(model: KeptModel, versions: list[int], file: str | None) -> "ModelAnswer":
         """Write a stored model out."""
         return ModelAnswer(
             **ModelSummary.of(model.record, versions).model_dump(),
@@ -132,7 +130,7 @@ class EvaluationAnswer(Curves):
     cases: list[CaseResult]
 
     @staticmethod
-    def of(result: Evaluation, version: int) -> EvaluationAnswer:
+    def of(result: Evaluation, version: int) -> "EvaluationAnswer":
         """Write a result out."""
         values = Curves.written(result.as_json())
         values["cases"] = [
@@ -159,7 +157,7 @@ class ComparisonAnswer(Answer):
     evaluations: tuple[EvaluationAnswer, EvaluationAnswer]
 
     @staticmethod
-    def of(result: Comparison, versions: Sequence[int]) -> ComparisonAnswer:
+    def of(result: Comparison, versions: Sequence[int]) -> "ComparisonAnswer":
         """Write a result out."""
         values: dict[str, Any] = result.as_json()
         values["models"] = tuple(
@@ -192,7 +190,7 @@ class NormAnswer(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(norm: Norm) -> NormAnswer:
+    def of(norm: Norm) -> "NormAnswer":
         """Write a norm out."""
         return NormAnswer(**norm.as_json(), links={"self": f"/v1/norms/{norm.name}"})
 
@@ -266,6 +264,6 @@ class FeaturesAnswer(Answer):
     left_out: list[LeftOutAnswer]
 
     @staticmethod
-    def of(table: FeatureTable) -> FeaturesAnswer:
+    def of(table: FeatureTable) -> "FeaturesAnswer":
         """Write a table out."""
         return FeaturesAnswer(**table.as_json())

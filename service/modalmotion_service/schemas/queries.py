@@ -1,7 +1,5 @@
 """What is asked of what is stored: which part of it and in which form, and of many at once."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import FailFast, Field, StringConstraints

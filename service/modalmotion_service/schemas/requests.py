@@ -1,7 +1,5 @@
 """What requests with a file or for a signature state: how it is read, what is made of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, get_type_hints
 

@@ -1,7 +1,5 @@
 """Signatures, their distances and prices, templates."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic_core import from_json
@@ -108,7 +106,7 @@ class SignatureSummary(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(text: bytes) -> SignatureSummary:
+    def of(text: bytes) -> "SignatureSummary":
         """Summarise a signature that was written out."""
         values = from_json(text)
         return SignatureSummary(
@@ -195,7 +193,7 @@ class SignatureAnswer(Answer):
     @staticmethod
     def of(
         signature: ModalSignature, key: str | None = None, file: str | None = None
-    ) -> SignatureAnswer:
+    ) -> "SignatureAnswer":
         """Write a signature out as lists."""
         parameters = signature.parameters
         return read_from(
@@ -244,7 +242,7 @@ class TemplateAnswer(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(template: Template) -> TemplateAnswer:
+    def of(template: Template) -> "TemplateAnswer":
         """Describe a template."""
         return read_from(
             TemplateAnswer,
@@ -276,7 +274,7 @@ class ModesAnswer(Answer):
     notes: list[Note]
 
     @staticmethod
-    def of(template: Template, modes: VibrationModes, with_shapes: bool) -> ModesAnswer:
+    def of(template: Template, modes: VibrationModes, with_shapes: bool) -> "ModesAnswer":
         """Write modes out."""
         return read_from(
             ModesAnswer,

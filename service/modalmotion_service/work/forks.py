@@ -10,8 +10,6 @@ knows the task's deadline and means, whether a signal has stopped the process, a
 still wants the task.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import gc

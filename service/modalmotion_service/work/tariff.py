@@ -1,7 +1,5 @@
 """What tasks cost: processor time of an honest file of that size, known before it is read."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

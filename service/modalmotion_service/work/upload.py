@@ -1,7 +1,5 @@
 """Uploads and their parsers, which are confined and never the same for two owners."""
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Iterator, Sequence
@@ -114,10 +112,10 @@ class Upload:
 
     path: Path
     options: ReadOptions
-    part: Part | None = None
+    part: "Part | None" = None
 
     @staticmethod
-    def at(path: Path, limits: ReadLimits) -> Upload:
+    def at(path: Path, limits: ReadLimits) -> "Upload":
         """Give a file of which nothing is said."""
         return Upload(path, ReadOptions(limits=limits))
 

@@ -4,8 +4,6 @@ Workers serve all owners, and what is computed once for one would be there soone
 the time of an answer one could tell whether another had sent the same surface.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import gc

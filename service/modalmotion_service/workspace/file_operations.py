@@ -1,7 +1,5 @@
 """Operations on files that are sent, of which nothing is stored, one or many in a request."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

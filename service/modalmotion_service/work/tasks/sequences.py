@@ -1,7 +1,5 @@
 """Sequences read, encoded and decoded, and their templates."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Signatures made, written out, compared and packed; and what follows from one."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import zipfile
