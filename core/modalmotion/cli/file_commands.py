@@ -251,7 +251,7 @@ def _images(file: Path) -> dict[str, Any]:
 
 
 def _shown(kind: str, value: Any) -> dict[str, Any]:
-    return {"content": kind, **members(value, *_SHOWN[kind], plain=_plain)}
+    return {"content": kind, **members(value, *_SHOWN[kind], write=_plain)}
 
 
 def _plain(value: Any) -> Any:

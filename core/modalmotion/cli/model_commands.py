@@ -25,7 +25,7 @@ from modalmotion.cli.options import (
     surface_options,
     write_picture,
 )
-from modalmotion.representation import numeral, probability
+from modalmotion.representation import numeral, plain, probability
 
 if TYPE_CHECKING:
     from modalmotion.classification import Classification, Model
@@ -90,7 +90,7 @@ def evaluate(
         write_picture(evaluation_figure(result), plot)
     if cases_file is not None:
         write_atomic(cases_file, result.as_csv().encode())
-    answer = result.as_json()
+    answer = plain(result)
     said = {**answer, "cases": None, "confusion": _confusion(result.classes, result.confusion)}
     return {**answer, "left_out": notes}, described({**said, "left_out": notes})
 
@@ -139,26 +139,23 @@ def classify(
     return _answer_json(result), _answer_lines(result)
 
 
-@command("card mine.h5 --markdown -o README.md")
+@command("card mine.h5 -o card.md")
 @click.argument("model")
-def card(
-    model: str, markdown: bool = False, out: Annotated[Path | None, OutputFile()] = None
-) -> Any:
+def card(model: str, out: Annotated[Path | None, OutputFile()] = None) -> Any:
     """Show the training and the performance of MODEL.
 
     MODEL is a file, or the name of an included model.
 
     Parameters
     ----------
-    markdown
-        As Markdown with a YAML head, as on the Hugging Face Hub.
     out
-        File to write.
+        File to write, as Markdown.
     """
+    from modalmotion.classification import card_markdown
     from modalmotion.store import write_atomic
 
     stored = model_named(model)
-    text = _card_text(stored, markdown=markdown, file=model if Path(model).is_file() else None)
+    text = card_markdown(stored.name, stored.id, stored.card)
     if out is not None:
         write_atomic(out, text.encode())
     return stored.card.as_json(), [text.rstrip()] if out is None else []
@@ -270,6 +267,7 @@ def train(
     cases_file
         Table to write: probabilities of each case, held out (.csv).
     """
+    from modalmotion.classification import card_markdown
     from modalmotion.classification import train as fit
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
@@ -285,7 +283,7 @@ def train(
         from modalmotion.pictures.classification import card_figure
 
         write_picture(card_figure(model.card, name), plot)
-    said = [_card_text(model, file=str(out))]
+    said = [card_markdown(model.name, model.id, model.card)]
     if cases_file is not None and model.cross_validation is not None:
         write_atomic(cases_file, model.cross_validation.as_csv().encode())
     elif cases_file is not None:
@@ -294,14 +292,6 @@ def train(
     written = [path for path in (out, plot, cases_file) if path is not None]
     answer = {"name": model.name, "id": model.id, "card": model.card.as_json()}
     return {**answer, "written": written}, said
-
-
-def _card_text(model: Model, *, markdown: bool = False, file: str | None = None) -> str:
-    """Write a model's card as Markdown, with the YAML head of registries if so."""
-    from modalmotion.classification import card_markdown
-
-    page = card_markdown(model.name, model.id, model.card, file=file)
-    return page if markdown else page.split("---\n", 2)[2].lstrip()
 
 
 def _confusion(

@@ -32,7 +32,7 @@ from modalmotion.exports.signature_pack import (
 )
 from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import counted, numeral, with_article
+from modalmotion.representation import counted, numeral, plain, with_article
 from modalmotion.signature import (
     MOST_OF_FRONT,
     Price,
@@ -152,7 +152,7 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
         "labels": [str(label) for label in result.modes.labels],
         "facts": facts_as_json(result.facts),
         "price": asdict(price),
-        "choice": None if result.choice is None else result.choice.as_json(),
+        "choice": plain(result.choice),
     }
 
 

@@ -8,6 +8,7 @@ from modalmotion.classification.evaluation import CaseAnswer, Difference
 from modalmotion.norm import Norm
 from modalmotion.norm.deviation import CohortDeviation, Deviation, GroupDeviation, QuantityDeviation
 from modalmotion.notes import Note
+from modalmotion.representation import plain
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
@@ -132,7 +133,7 @@ class EvaluationAnswer(Curves):
     @staticmethod
     def of(result: Evaluation, version: int) -> "EvaluationAnswer":
         """Write a result out."""
-        values = Curves.written(result.as_json())
+        values = Curves.written(plain(result))
         values["cases"] = [
             {**case, "probabilities": dict(zip(result.classes, case["probabilities"], strict=True))}
             for case in values["cases"]
@@ -159,7 +160,7 @@ class ComparisonAnswer(Answer):
     @staticmethod
     def of(result: Comparison, versions: Sequence[int]) -> "ComparisonAnswer":
         """Write a result out."""
-        values: dict[str, Any] = result.as_json()
+        values: dict[str, Any] = plain(result)
         values["models"] = tuple(
             f"{name}@{version}" for name, version in zip(result.models, versions, strict=True)
         )

@@ -7,6 +7,7 @@ from pydantic_core import from_json
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes.topology import MESH
 from modalmotion.notes import Note
+from modalmotion.representation import plain
 from modalmotion.signature.choice import SceneError, SceneKind
 from modalmotion.signature.distance import Comparison
 from modalmotion.signature.making import ModalSignature
@@ -215,7 +216,7 @@ class SignatureAnswer(Answer):
             ),
             strain_energy=signature.strain_energy.sum(axis=1),
             price=price_of(signature),
-            choice=None if signature.choice is None else signature.choice.as_json(),
+            choice=plain(signature.choice),
             facts=FactsAnswer.of(signature.facts),
             parameters=parameters_as_json(parameters),
         )

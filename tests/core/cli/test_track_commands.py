@@ -145,6 +145,20 @@ def test_simulated_images_come_with_their_truth(tmp_path: Path) -> None:
     assert np.ravel(base)[:3] == pytest.approx(truth.vertices[0, -64:].mean(axis=0), abs=1e-3)
 
 
+def test_a_simulated_label_map_is_read_with_no_option(tmp_path: Path) -> None:
+    pytest.importorskip("nibabel")
+    words = ["simulate", "--image", "labels", "--frames", "4", "-o", str(tmp_path / "map.nii.gz")]
+    assert CliRunner().invoke(main, words).exit_code == 0
+    values = {}
+    for name in ("map.nii.gz", "map.truth.npz"):
+        result = CliRunner().invoke(main, ["readouts", str(tmp_path / name), "--json"])
+        assert result.exit_code == 0, result.output
+        values[name] = json.loads(result.stdout)["from_signature"]["ejection_fraction"]
+    found, truth = values["map.nii.gz"], values["map.truth.npz"]
+    assert found["low"] < truth["value"] < found["high"]
+    assert found["high"] - found["low"] < 12.0
+
+
 def test_a_label_map_is_tracked_with_no_landmark(tmp_path: Path) -> None:
     pytest.importorskip("nibabel")
     source = tmp_path / "labels.nii.gz"
