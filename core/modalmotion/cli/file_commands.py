@@ -32,7 +32,7 @@ from modalmotion.errors import InputError, ParameterError, StoreError
 from modalmotion.exports.files import SURFACES, save
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.formats.detect import STREAM
-from modalmotion.hdf5.form import form_of
+from modalmotion.hdf5.image import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.notes import notes_as_json
 from modalmotion.store import write_atomic

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from modalmotion.client.bodies import Option, Source, body_of, json_body, plain, segment
 from modalmotion.client.calls import (
     Caller,
     Job,
@@ -21,7 +20,16 @@ from modalmotion.client.calls import (
     signature_call,
     signature_of,
 )
-from modalmotion.client.connection import Answer, Call
+from modalmotion.client.connection import (
+    Answer,
+    Call,
+    Option,
+    Source,
+    body_of,
+    json_body,
+    plain,
+    segment,
+)
 from modalmotion.client.errors import understood
 from modalmotion.client.values import (
     HDF5,

@@ -23,8 +23,7 @@ from modalmotion.client import (
     RemoteError,
     Retries,
 )
-from modalmotion.client.bodies import body_of
-from modalmotion.client.connection import retry_after
+from modalmotion.client.connection import body_of, retry_after
 from modalmotion.client.errors import error_of_answer, remote_error
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.progress import Progress
