@@ -36,8 +36,8 @@ _OFF_PATH: Final = (0.5, 0.1)
 # Steps of the grid of levels, mm.
 _GRID: Final = 0.5
 
-# Slices from the lowest on that are extrapolated to the tip.
-_OF_TIP: Final = 5
+# Way to the tip over that of a paraboloid.
+_BLUNT: Final = 0.75
 
 # Of a slice: least and most that the tip lies below the lowest one drawn, and its deviation, with
 # the share of that way. mm that the tip moves in a beat.
@@ -197,24 +197,15 @@ def _volume(s: _Stack, tip: float, level: float) -> float:
 def _way_to_tip(s: _Stack, step: float) -> float:
     """How far the tip lies below the lowest slice, mm.
 
-    Sections of an ellipsoid are a quadratic function of height, and zero at its tip.
+    Sections of a paraboloid are a line over height, and zero at its tip; hearts are blunter.
     """
-    n = min(len(s.heights), _OF_TIP)
-    z = s.heights[:n] - s.heights[0]
-    c, b, a = np.polyfit(z, s.areas[:n], 2) if n > 2 else np.zeros(3)
-    if c >= 0.0 or b <= 0.0:
-        b, a = np.polyfit(z[:2], s.areas[:2], 1)
-        way = a / b if b > 0 else np.inf
-    else:
-        way = (b - np.sqrt(b**2 - 4.0 * a * c)) / (2.0 * c)
+    growth = float((s.areas[1] - s.areas[0]) / (s.heights[1] - s.heights[0]))
+    way = _BLUNT * s.areas[0] / growth if growth > 0 else np.inf
     return float(np.clip(way, _BELOW[0] * step, _BELOW[1] * step))
 
 
 def _tips(stacks: Sequence[_Stack], step: float) -> tuple[Floats, Floats]:
-    """Height of the tip in each frame, mm, and the covariance, mm^2.
-
-    Near a tip sections grow evenly, as those of a paraboloid: it lies where their line is zero.
-    """
+    """Height of the tip in each frame, mm, and the covariance, mm^2."""
     ways = np.array([_way_to_tip(s, step) for s in stacks])
     tips = np.array([s.heights[0] for s in stacks]) - ways
     variances = (_TIP[0] * step) ** 2 + (_TIP[1] * ways) ** 2
