@@ -30,7 +30,6 @@ from modalmotion.cli.options import (
 )
 from modalmotion.errors import InputError, ParameterError, StoreError
 from modalmotion.exports.files import SURFACES, save
-from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.formats.detect import STREAM
 from modalmotion.hdf5.image import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
@@ -44,8 +43,6 @@ if TYPE_CHECKING:
     from modalmotion.exports.tables import Table
     from modalmotion.mesh.sequence import MeshSequence
     from modalmotion.signature.making import ModalSignature, SignatureParameters
-
-_WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 
 
 @command("encode beat.npz -o beat.mms --max-error 0.1")
@@ -96,50 +93,20 @@ def encode(
 
 @command("decode beat.mms -o beat.npz")
 @click.argument("stream", type=EXISTING_FILE)
-def decode(
-    stream: Path,
-    output: Annotated[Path, OutputFile(*_WRITERS)],
-    first: int | None = None,
-    stop: int | None = None,
-    first_vertex: int | None = None,
-    stop_vertex: int | None = None,
-) -> Any:
-    """Decode a compressed STREAM, or some of its frames and vertices.
-
-    Selected vertices come with the triangles between them.
+def decode(stream: Path, output: Annotated[Path, OutputFile(*SURFACES)]) -> Any:
+    """Decode a compressed STREAM.
 
     Parameters
     ----------
     output
-        File to write: .npz, .vtkhdf or .raw (float32).
-    first
-        First frame.
-    stop
-        Frame after the last.
-    first_vertex
-        First vertex.
-    stop_vertex
-        Vertex after the last.
+        File to write: .npz, .h5, .vtkhdf, .glb, .zip (PLY) or .raw (float32).
     """
     from modalmotion.codec import decode as expand
-    from modalmotion.codec import inspect
 
-    write = _WRITERS[output.suffix.lower()]
-    data = stream.read_bytes()
     with naming(stream):
-        header = inspect(data)
-    frames = _span(first, stop, header.n_frames)
-    vertices = _span(first_vertex, stop_vertex, header.n_vertices)
-    sequence = expand(data, frames=frames, vertices=vertices)
-    write_atomic(output, write(sequence))
+        sequence = expand(stream.read_bytes())
+    save(sequence, output)
     return members(sequence, *SEQUENCE)
-
-
-def _span(first: int | None, stop: int | None, n: int) -> range | None:
-    """Make the range between two ends; None without either."""
-    if first is None and stop is None:
-        return None
-    return range(first or 0, n if stop is None else stop)
 
 
 @command("convert frames/ beat.vtkhdf --unit mm")
