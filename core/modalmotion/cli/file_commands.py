@@ -52,11 +52,10 @@ def encode(
     output: Annotated[Path, OutputFile()],
     rms: float | None = None,
     max_error: float | None = None,
-    n_bytes: Annotated[int | None, {"flag": "bytes"}] = None,
     effort: Literal["fast", "balanced"] = "balanced",
     **options: Any,
 ) -> Any:
-    """Compress the sequence in FILE at a given error (in its unit) or size.
+    """Compress the sequence in FILE at a given error, in its unit.
 
     Without either, the largest error is 0.3 % of the diagonal of its bounding box.
 
@@ -68,8 +67,6 @@ def encode(
         Largest RMS distance of the vertices, in their unit.
     max_error
         Largest error of any vertex, in its unit.
-    n_bytes
-        Largest size of the stream.
     effort
         Number of transforms tried: fast takes a third of the time and more bits.
     """
@@ -81,7 +78,6 @@ def encode(
             sequence,
             rms=rms,
             max_error=max_error,
-            n_bytes=n_bytes,
             effort=effort,
             progress=show,
         )
@@ -93,18 +89,31 @@ def encode(
 
 @command("decode beat.mms -o beat.npz")
 @click.argument("stream", type=EXISTING_FILE)
-def decode(stream: Path, output: Annotated[Path, OutputFile(*SURFACES)]) -> Any:
-    """Decode a compressed STREAM.
+def decode(
+    stream: Path,
+    output: Annotated[Path, OutputFile(*SURFACES)],
+    first: int | None = None,
+    stop: int | None = None,
+) -> Any:
+    """Decode a compressed STREAM, or some of its frames.
 
     Parameters
     ----------
     output
         File to write: .npz, .h5, .vtkhdf, .glb, .zip (PLY) or .raw (float32).
+    first
+        First frame.
+    stop
+        Frame after the last.
     """
     from modalmotion.codec import decode as expand
+    from modalmotion.codec import inspect
 
+    data = stream.read_bytes()
     with naming(stream):
-        sequence = expand(stream.read_bytes())
+        n_frames = inspect(data).n_frames
+    frames = range(first or 0, n_frames if stop is None else stop)
+    sequence = expand(data, frames=frames)
     save(sequence, output)
     return members(sequence, *SEQUENCE)
 

@@ -63,8 +63,8 @@ def test_what_is_made_of_a_sequence_is_told(folder: Path) -> None:
     stream = answered(folder, "encode {here}/beat.npz -o {here}/beat.mms --max-error 0.5")
     assert stream["n_bytes"] == (folder / "beat.mms").stat().st_size
     assert 0.0 < stream["max_error"] <= 0.5
-    back = answered(folder, "decode {here}/beat.mms -o {here}/back.npz")
-    assert (back["n_frames"], back["written"]) == (6, [str(folder / "back.npz")])
+    back = answered(folder, "decode {here}/beat.mms -o {here}/back.npz --first 1 --stop 3")
+    assert back["n_frames"] == 2
     again = answered(folder, "reconstruct {here}/beat.npz -o {here}/again.npz --modes 3")
     assert again["rms_error"] > 0
     swing = answered(folder, "animate cup --mode 1,1,cos=0.1 -o {here}/swing.npz --frames 4")
