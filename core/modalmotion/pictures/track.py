@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.images.sequence import Image
+from modalmotion.images.volume import Image
 from modalmotion.mesh.geometry import Edges
 from modalmotion.pictures.modes import pixels_of, write_gif
 from modalmotion.pictures.view import new_figure, shown_unit, size_of, tilted, upright
