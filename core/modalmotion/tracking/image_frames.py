@@ -33,6 +33,7 @@ from modalmotion.tracking.image_view import (
     Facets,
     Imaging,
     View,
+    as_bright,
     first_sight,
     renewed,
     view_of,
@@ -488,6 +489,9 @@ def frames_of_images(
         look = imaging if k == reference else below_base(imaging, marks[k], template)
         look = look.within(near)
         view = None if own is None else view_of(own, facets, x, look, near)
+        if own is not None and view is not None and k != reference:
+            look = as_bright(look, view)
+            view = view_of(own, facets, x, look, near)
         views.append(view)
         looks.append(look)
         done()

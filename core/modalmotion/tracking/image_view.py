@@ -534,6 +534,9 @@ _FIRST: Final = 0.6
 _LEAST_AGREED: Final = 0.55
 _LEAST_CONTRAST: Final = 0.8
 
+# Of the contrast: how far a frame's levels may be from those of the reference.
+_APART: Final = 0.1
+
 # mm inside an edge, from and to, that noise is looked for in.
 _NOISE_AT: Final = (9.0, 2.0)
 
@@ -647,6 +650,19 @@ def renewed(imaging: Imaging, view: View) -> Imaging:
     if (inside - outside) * (imaging.levels.inside - imaging.levels.outside) <= 0:
         return imaging
     return replace(imaging, levels=Levels(inside, outside, spread), slope=slope)
+
+
+def as_bright(imaging: Imaging, view: View) -> Imaging:
+    """Find the levels of another frame: contrast agents and gain change from frame to frame.
+
+    Each frame begins anew with the levels of the reference, and leaves them by `_APART` of the
+    contrast at most, so that nothing drifts.
+    """
+    own, found = imaging.levels, renewed(imaging, view).levels
+    most = _APART * abs(own.inside - own.outside)
+    inside = own.inside + float(np.clip(found.inside - own.inside, -most, most))
+    outside = own.outside + float(np.clip(found.outside - own.outside, -most, most))
+    return replace(imaging, levels=Levels(inside, outside, own.spread))
 
 
 def _spread(view: View) -> float:
