@@ -31,8 +31,8 @@ from modalmotion.tracking.first_shape import start_shape
 from modalmotion.tracking.image_levels import as_bright, first_sight
 from modalmotion.tracking.image_search import LEAST_FOUND, SHAPE, reference_shape, search
 from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
-from modalmotion.tracking.iterations import first_guess, paths_from
 from modalmotion.tracking.landmarks import Proposed, with_landmarks
+from modalmotion.tracking.map_frames import first_guess, paths_from
 from modalmotion.tracking.moving_base import HELD, base_by_volume, ends_of_cup
 from modalmotion.tracking.observation import Frame, Observation, ends_in
 from modalmotion.tracking.result import ImageAnswer, Papillary, Track

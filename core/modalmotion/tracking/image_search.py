@@ -17,7 +17,7 @@ from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.image_levels import renewed
 from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
-from modalmotion.tracking.iterations import FrameEstimate, evidence, first_guess, map_frame
+from modalmotion.tracking.map_frames import FrameEstimate, evidence, first_guess, map_frame
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame, Observation

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple, TypeAlias
@@ -18,27 +19,34 @@ from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends
 from modalmotion.tracking.deformable import Deformable, require_unfolded, require_volume
-from modalmotion.tracking.deviations import stated_deviations, uncertainty_of
 from modalmotion.tracking.ends_of_data import with_endings
 from modalmotion.tracking.first_shape import FirstShape, shape_in
 from modalmotion.tracking.image_frames import ImageFrames, frames_of_images, with_images
-from modalmotion.tracking.iterations import (
+from modalmotion.tracking.landmarks import with_landmarks
+from modalmotion.tracking.map_frames import (
+    Chain,
+    FramesEstimate,
     Iteration,
     amplitudes_of,
+    chain_of,
     evidence,
     first_guess,
     frames_at_rest,
-    noises_of,
+    map_frames,
     paths_from,
-    steady,
 )
-from modalmotion.tracking.landmarks import with_landmarks
-from modalmotion.tracking.map_frames import Chain, FramesEstimate, chain_of, map_frames
 from modalmotion.tracking.moving_base import with_assumed_base, with_levels
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.observation import Frame, observed_frames
 from modalmotion.tracking.parameters import TrackParameters
-from modalmotion.tracking.quality_checks import axis_notes, end_notes, notes_on, quality_of
+from modalmotion.tracking.quality_checks import (
+    axis_notes,
+    end_notes,
+    notes_on,
+    quality_of,
+    stated_deviations,
+    uncertainty_of,
+)
 from modalmotion.tracking.reading import Recorded
 from modalmotion.tracking.result import Track, cavity_in, sample_of
 
@@ -225,20 +233,16 @@ class _Likely(NamedTuple):
     here: Iteration
     prior: Prior
     noise: Noise
-    noises: list[Noise]
 
 
 def _most_likely(
     seen: _Seen, surface: Deformable, frames: tuple[Frame, ...], here: Iteration
 ) -> _Likely:
     """6. Prior and noise under which the frames are the most likely, and the frames once more."""
-    is_exact, (before, _) = seen.pinned is not None, first_guess(surface)
-    prior, noise = evidence(surface, here, before, is_exact=is_exact)
-    alike = steady(noises_of(surface, here, prior, noise), noise)
+    prior, noise = evidence(surface, here, first_guess(surface)[0])
     starts = amplitudes_of(surface, here)
-    here = frames_at_rest(surface, frames, prior, alike, seen.paths, seen.done, starts)
-    prior, noise = evidence(surface, here, prior, is_exact=is_exact)
-    return _Likely(here, prior, noise, noises_of(surface, here, prior, noise))
+    here = frames_at_rest(surface, frames, prior, noise, seen.paths, seen.done, starts)
+    return _Likely(here, *evidence(surface, here, prior))
 
 
 def _all_frames(
@@ -254,8 +258,8 @@ def _all_frames(
         is_closed=seen.is_closed,
         is_exact=seen.pinned is not None,
     )
-    noise = steady(likely.noises, likely.noise)
-    return chain, map_frames(surface, frames, likely.here, chain, noise, seen.pinned, seen.done)
+    found = map_frames(surface, frames, likely.here, chain, likely.noise, seen.pinned, seen.done)
+    return chain, found
 
 
 def _surfaces(surface: Deformable, found: FramesEstimate) -> Floats:
@@ -278,9 +282,9 @@ def _with_deviations(
     """9. How far they may be off."""
     p, pinned, template, noise = seen.parameters, seen.pinned, surface.template, likely.noise
     deviations, volume_deviations = stated_deviations(
-        surface, vertices, found, likely.noises, pinned, shape
+        surface, vertices, found, noise, pinned, shape
     )
-    truncations = np.array([own.truncation for own in likely.noises])
+    truncations = np.full(len(vertices), noise.truncation)
     if pinned is not None:
         truncations[pinned] = 0.0
     quality = np.array([quality_of(surface, info) for info in found.information])
@@ -397,12 +401,11 @@ def _require_reference(reference: int | None, n_frames: int) -> int:
 
 def _counted(progress: Progress | None, n_steps: int) -> Callable[[], None]:
     """Step that reports itself; more than foreseen are not reported."""
-    count = 0
+    count = itertools.count(1)
 
     def done() -> None:
-        nonlocal count
-        count += 1
-        if progress is not None and count <= n_steps:
-            progress(count, n_steps)
+        k = next(count)
+        if progress is not None and k <= n_steps:
+            progress(k, n_steps)
 
     return done
