@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ellipe
 
 import modalmotion as mm
-from modalmotion.clinical.rates import rates_of
+from modalmotion.clinical.readouts import rates_of
 from modalmotion.mesh import cavity_of
 from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
 

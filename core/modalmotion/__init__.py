@@ -56,10 +56,8 @@ if TYPE_CHECKING:
     from modalmotion.exports.files import load as load
     from modalmotion.exports.files import plot as plot
     from modalmotion.exports.files import save as save
-    from modalmotion.exports.files import to_html as to_html
     from modalmotion.exports.reading import read as read
     from modalmotion.exports.tables import to_dataframe as to_dataframe
-    from modalmotion.exports.tables import to_xarray as to_xarray
     from modalmotion.formats import ReadLimits as ReadLimits
     from modalmotion.formats import read_npz as read_npz
     from modalmotion.formats import read_sequence as read_sequence
@@ -72,6 +70,8 @@ if TYPE_CHECKING:
     from modalmotion.modes import ModeSet as ModeSet
     from modalmotion.modes import lowest_modes as lowest_modes
     from modalmotion.modes.lattice import Lattice as Lattice
+    from modalmotion.modes.lattice import project as project
+    from modalmotion.modes.lattice import superpose as superpose
     from modalmotion.modes.topology import CLOSED_CURVE as CLOSED_CURVE
     from modalmotion.modes.topology import CUP as CUP
     from modalmotion.modes.topology import CYLINDER as CYLINDER
@@ -81,8 +81,6 @@ if TYPE_CHECKING:
     from modalmotion.modes.topology import TORUS as TORUS
     from modalmotion.modes.topology import End as End
     from modalmotion.modes.topology import Topology as Topology
-    from modalmotion.modes.transform import project as project
-    from modalmotion.modes.transform import superpose as superpose
     from modalmotion.reports import Report as Report
     from modalmotion.reports.page import report as report
     from modalmotion.signature import measure_tradeoff as measure_tradeoff

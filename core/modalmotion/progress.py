@@ -4,47 +4,61 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Concatenate, ParamSpec
+from dataclasses import dataclass
+from operator import length_hint
+from typing import TypeVar
 
-Progress = Callable[[int, int], None]
-"""Called with the number of items done and of all items, as far as known.
-
-Where stages differ in length, the items are percent of the work.
-"""
-
-ShareReport = Callable[[float], None]
-"""Called with the share that is done, 0 to 1."""
+T = TypeVar("T")
 
 
-StageReport = Callable[[float, str], None]
-"""Called with the share that is done, 0 to 1, and the name of the current stage."""
+@dataclass(frozen=True)
+class Progress:
+    """How much of some work is done.
 
-P = ParamSpec("P")
+    Attributes
+    ----------
+    done : float
+        Items, such as frames or bytes; with a total of 1 the share of the work.
+    total : float
+        Of all items, as far as known.
+    stage : str
+        What is done now; empty if the work has no stages.
+    """
+
+    done: float
+    total: float = 1.0
+    stage: str = ""
+
+    @property
+    def share(self) -> float:
+        """Share that is done, 0 to 1."""
+        return self.done / max(self.total, 1.0)
 
 
-def silent(*_: object) -> None:
+Reporter = Callable[[Progress], None]
+"""Called with the progress of some work, now and again."""
+
+
+def silent(_: Progress) -> None:
     """Report nothing."""
 
 
-def in_percent(progress: Progress | None) -> ShareReport:
-    """Report a share as percent done of 100."""
-    return silent if progress is None else lambda share: progress(round(100 * share), 100)
+def reported(items: Iterable[T], report: Reporter | None, total: int | None = None) -> Iterator[T]:
+    """Yield items, and report each when the next one is asked for."""
+    known = length_hint(items) if total is None else total
+    for number, item in enumerate(items, start=1):
+        yield item
+        if report is not None:
+            report(Progress(number, max(known, number)))
 
 
-def as_share(report: ShareReport) -> Progress:
-    """Report the number of items done as their share."""
-    return lambda done, total: report(done / max(total, 1))
+def part_of(report: Reporter, start: float, stop: float, stage: str = "") -> Reporter:
+    """Report the progress of a part as that of the whole, by the name of a stage if it has one."""
 
-
-def part_of(
-    report: Callable[Concatenate[float, P], None], start: float, stop: float
-) -> Callable[Concatenate[float, P], None]:
-    """Report the share of a part as that of the whole."""
-
-    def inside(share: float, /, *stage: P.args, **named: P.kwargs) -> None:
-        report(start + (stop - start) * share, *stage, **named)
+    def inside(part: Progress) -> None:
+        report(Progress(start + (stop - start) * part.share, stage=stage or part.stage))
 
     return inside
 
@@ -76,38 +90,34 @@ class Stopwatch:
     Parameters
     ----------
     shares : mapping of str to float, optional
-        Part of the whole that each stage is counted as; together at most 1.
+        Part of the whole that each stage is counted as; together at most 1. Without them the
+        progress of each stage is reported by itself.
     report : callable, optional
-        Called when a stage begins, and without a name when it ends; the share never falls.
+        Called when a stage begins, while it lasts, and without a name when it ends; with shares
+        the share never falls.
     """
 
     def __init__(
-        self, shares: Mapping[str, float] | None = None, report: StageReport = silent
+        self, shares: Mapping[str, float] | None = None, report: Reporter = silent
     ) -> None:
         self.milliseconds: dict[str, float] = {}
-        self._shares = dict(shares or {})
+        self._shares = None if shares is None else dict(shares)
         self._report = report
         self._done = 0.0
-        self.of_stage = 0.0
-        """Share of the current stage that is done, if the stage reports it."""
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[Callable[[float], None]]:
-        """Add the time of the block to a stage; gives a function that reports its own share."""
+    def stage(self, name: str) -> Iterator[Reporter]:
+        """Add the time of the block to a stage; gives the callback of the stage's own progress."""
         start = time.perf_counter()
         # One that comes again is counted once.
-        begun, share = self._done, self._shares.pop(name, 0.0)
-
-        def tell(inside: float) -> None:
-            self.of_stage = inside
-            self._report(begun + share * inside, name)
-
-        self.of_stage = 0.0
-        self._report(begun, name)
+        share = 1.0 if self._shares is None else self._shares.pop(name, 0.0)
+        end = self._done + share
+        inside = part_of(self._report, self._done, end, name)
+        inside(Progress(0.0))
         try:
-            yield tell
+            yield inside
         finally:
             spent = 1e3 * (time.perf_counter() - start)
             self.milliseconds[name] = self.milliseconds.get(name, 0.0) + spent
-            self._done = begun + share
-            self._report(self._done, "")
+            self._done = 0.0 if self._shares is None else end
+            self._report(Progress(self._done))

@@ -6,25 +6,32 @@ import math
 
 import pytest
 
-from modalmotion.progress import as_share, in_percent, part_of, share_fallen
+from modalmotion.progress import Progress, part_of, reported, share_fallen
 
 
 def test_a_part_is_told_as_its_share_of_the_whole() -> None:
-    told: list[float] = []
-    inside = part_of(part_of(told.append, 0.5, 1.0), 0.0, 0.5)
-    for share in (0.0, 0.5, 1.0):
-        inside(share)
-    assert told == [0.5, 0.625, 0.75]
-
-
-def test_items_are_reported_as_a_share_and_a_share_as_percent() -> None:
-    steps: list[tuple[int, int]] = []
-    second_half = as_share(part_of(in_percent(lambda *step: steps.append(step)), 0.5, 1.0))
+    told: list[Progress] = []
+    inside = part_of(part_of(told.append, 0.5, 1.0), 0.0, 0.5, "fit")
     for done in range(3):
-        second_half(done, 2)
-    as_share(in_percent(lambda *step: steps.append(step)))(0, 0)
-    assert steps == [(50, 100), (75, 100), (100, 100), (0, 100)]
-    in_percent(None)(0.5)
+        inside(Progress(done, 2))
+    assert told == [Progress(share, stage="fit") for share in (0.5, 0.625, 0.75)]
+    part_of(told.append, 0.0, 1.0)(Progress(0, 0, "no items"))
+    assert told[-1] == Progress(0.0, stage="no items")
+
+
+def test_items_are_reported_once_they_are_done() -> None:
+    seen: list[Progress] = []
+    for number, item in enumerate(reported("abc", seen.append)):
+        assert item == "abc"[number]
+        assert len(seen) == number
+    assert seen == [Progress(k, 3) for k in (1, 2, 3)]
+    seen.clear()
+    # How many there are is told, or comes to be known.
+    assert list(reported(iter("abc"), None)) == list(reported((c for c in "abc"), seen.append))
+    assert seen == [Progress(k, k) for k in (1, 2, 3)]
+    seen.clear()
+    list(reported((c for c in "ab"), seen.append, 4))
+    assert seen == [Progress(1, 4), Progress(2, 4)]
 
 
 def test_what_falls_by_equal_powers_goes_on_by_equal_shares() -> None:

@@ -8,24 +8,37 @@ from itertools import pairwise
 
 import pytest
 
-from modalmotion.progress import Stopwatch
+from modalmotion.progress import Progress, Stopwatch
 
 
 def test_shares_never_fall_and_end_where_they_add_up() -> None:
-    told: list[tuple[float, str]] = []
-    watch = Stopwatch({"read": 0.5, "fit": 0.4}, lambda *said: told.append(said))
+    told: list[Progress] = []
+    watch = Stopwatch({"read": 0.5, "fit": 0.4}, told.append)
     with watch.stage("read") as report:
         for done in (0.5, 1.0):
-            report(done)
-            assert watch.of_stage == done
+            report(Progress(done))
     # One that is not known counts nothing, and one that comes again counts once.
     for name in ("unknown", "fit", "fit"):
         with watch.stage(name):
-            assert watch.of_stage == 0.0
-    shares = [share for share, _ in told]
+            pass
+    shares = [one.share for one in told]
     assert all(a <= b for a, b in pairwise(shares))
-    assert told[:4] == [(0.0, "read"), (0.25, "read"), (0.5, "read"), (0.5, "")]
-    assert told[-1][0] == pytest.approx(0.9)
+    assert [(one.share, one.stage) for one in told[:4]] == [
+        (0.0, "read"),
+        (0.25, "read"),
+        (0.5, "read"),
+        (0.5, ""),
+    ]
+    assert shares[-1] == pytest.approx(0.9)
+
+
+def test_without_shares_each_stage_is_reported_by_itself() -> None:
+    told: list[Progress] = []
+    watch = Stopwatch(report=told.append)
+    for name in ("read", "fit"):
+        with watch.stage(name) as report:
+            report(Progress(1, 4))
+        assert told[-3:] == [Progress(0.0, stage=name), Progress(0.25, stage=name), Progress(0.0)]
 
 
 def test_a_stage_that_fails_is_counted_and_stages_add_up() -> None:

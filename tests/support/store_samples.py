@@ -13,8 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from modalmotion.classification.answer import Classification, ModeContribution
-from modalmotion.classification.answer_hdf5 import classification_to_hdf5
+from modalmotion.classification.answer import (
+    Classification,
+    ModeContribution,
+    classification_to_hdf5,
+)
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.notes import Note

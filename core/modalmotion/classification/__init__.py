@@ -7,7 +7,6 @@ from modalmotion.classification.answer import (
     Classification,
     ModeContribution,
     classify,
-    only_modes,
 )
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.cases import CaseFile, TrainingCase
@@ -57,7 +56,6 @@ __all__ = [
     "load_model",
     "model_from_hdf5",
     "model_to_hdf5",
-    "only_modes",
     "shipped_for",
     "train",
 ]

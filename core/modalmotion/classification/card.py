@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Final, NamedTuple
 
 from modalmotion.arguments.checking import Plotted
-from modalmotion.classification.intervals import Curve, Interval, RocCurve
-from modalmotion.classification.performance import Measured
+from modalmotion.classification.performance import Curve, Interval, Measured, RocCurve
 from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.notes import Note, notes_from_json
 from modalmotion.representation import shown

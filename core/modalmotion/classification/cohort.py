@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import length_hint
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -29,7 +30,7 @@ from modalmotion.mesh.sequence import MEAN
 from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes.topology import MESH
 from modalmotion.notes import Note
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import Ints
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes
@@ -104,7 +105,7 @@ def collect_cohorts(
     cases: Iterable[AnyCase],
     normal_displacements: Iterable[AnyCase] | None,
     options: TrainingOptions,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> tuple[Cohort, ...]:
     """Read a cohort in each basis in which all its recordings compare.
 
@@ -240,7 +241,7 @@ def alike(
     fewer: Sequence[int] = (),
     *,
     leaves_out: bool = False,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> list[Alike]:
     """Read cases in each basis that they share.
 
@@ -310,24 +311,23 @@ def _read(
     fewer: Sequence[int],
     *,
     leaves_out: bool,
-    progress: Progress | None,
+    progress: Reporter | None,
 ) -> Alike:
     """Read cases wherever joblib works, in their order."""
     from joblib import Parallel, delayed
 
-    numbered, n_cases = enumerate(cases), len(cases) if isinstance(cases, Sized) else 0
+    numbered, n_cases = enumerate(cases), length_hint(cases)
     pieces = iter(lambda: tuple(itertools.islice(numbered, _IN_ONE_PIECE)), ())
     works = (delayed(_read_piece)(piece, parameters, fewer, leaves_out) for piece in pieces)
     results = Parallel(return_as="generator", batch_size=1)(works)
     kept: dict[int, TrainingCase] = {}
     left_out: list[LeftOut] = []
-    for number, case in enumerate(itertools.chain.from_iterable(results)):
+    read = itertools.chain.from_iterable(results)
+    for number, case in enumerate(reported(read, progress, n_cases)):
         if isinstance(case, LeftOut):
             left_out.append(case)
         else:
             kept[number] = case
-        if progress is not None:
-            progress(number + 1, max(n_cases, number + 1))
     return Alike(tuple(kept.values()), tuple(kept), tuple(left_out))
 
 

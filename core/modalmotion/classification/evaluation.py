@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Sized
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -12,19 +12,19 @@ import scipy
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification.answer import Classification, classify
 from modalmotion.classification.cases import UNUSABLE, AnyCase, LeftOut, TrainingCase
-from modalmotion.classification.intervals import Z
 from modalmotion.classification.model import Model
 from modalmotion.classification.performance import (
     METHODS,
     Answers,
     Performance,
+    Z,
     macro_area,
     performance,
 )
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.notes import Note
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import Floats, Ints, counted, csv_text, shown
 
 
@@ -152,7 +152,7 @@ def evaluate(
     model: Model,
     cases: Iterable[AnyCase],
     coverage: float = 0.9,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     left_out: list[LeftOut] | None = None,
 ) -> Evaluation:
     """Test a model.
@@ -185,17 +185,16 @@ def _evaluations(
     models: Sequence[Model],
     cases: Iterable[AnyCase],
     coverage: float,
-    progress: Progress | None,
+    progress: Reporter | None,
     left_out: list[LeftOut] | None,
 ) -> list[Evaluation]:
     """Test models on the same cases: one that cannot be used with one of them is left out of all.
 
     Parameters are those of `evaluate`.
     """
-    n_cases = len(cases) if isinstance(cases, Sized) else 0
     answers: list[list[CaseAnswer]] = [[] for _ in models]
     n_trained = [0] * len(models)
-    for number, source in enumerate(cases):
+    for number, source in enumerate(reported(cases, progress)):
         called = source.name or f"case {number}"
         try:
             case = source if isinstance(source, TrainingCase) else source.read()
@@ -216,8 +215,6 @@ def _evaluations(
             for k, (model, result) in enumerate(zip(models, results, strict=True)):
                 answers[k].append(CaseAnswer.of(case, result))
                 n_trained[k] += _is_known(case, model)
-        if progress is not None:
-            progress(number + 1, max(n_cases, number + 1))
     each = zip(models, answers, n_trained, strict=True)
     return [evaluation_of(model, own, coverage, n) for model, own, n in each]
 
@@ -368,7 +365,7 @@ def compare_models(
     second: Model,
     cases: Iterable[AnyCase],
     coverage: float = 0.9,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     left_out: list[LeftOut] | None = None,
 ) -> Comparison:
     """Test two models on the same cases.

@@ -12,7 +12,7 @@ from modalmotion.classification.cases import AnyCase, LeftOut, TrainingCase
 from modalmotion.classification.cohort import alike
 from modalmotion.classification.options import OnError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 from modalmotion.representation import Floats, csv_text, shown
 from modalmotion.signature.making import ModalSignature
 
@@ -95,7 +95,7 @@ def feature_table(
     features: SignatureFeatures | None = None,
     *,
     on_error: OnError | str = OnError.RAISE,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> FeatureTable:
     """Read the features of a cohort.
 

@@ -42,7 +42,7 @@ from modalmotion.classification.performance import METHODS, CrossValidation, per
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.notes import Note
-from modalmotion.progress import Progress, as_share, in_percent, part_of
+from modalmotion.progress import Reporter, part_of, reported, silent
 from modalmotion.representation import Bools, Floats, Ints
 
 # Share of the progress that reading the cases is counted as.
@@ -64,7 +64,7 @@ def train(
     cases: Iterable[AnyCase],
     name: str,
     options: TrainingOptions | None = None,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     cv: Folds | None = None,
     normal_displacements: Iterable[AnyCase] | None = None,
 ) -> Model:
@@ -77,7 +77,7 @@ def train(
     name : str
     options : TrainingOptions, optional
     progress : callable, optional
-        Called with the percentage that is done, and 100.
+        Called with the share that is done.
     cv : sequence of int, optional
         Folds of your own: for each case the number of the fold in which it is predicted.
     normal_displacements : iterable of TrainingCase or CaseSource, optional
@@ -108,16 +108,14 @@ def train(
 
     # Threads for matrices of a few dozen rows wait for one another: twice the processor's time.
     with threadpool_limits(limits=1, user_api="blas"):
-        chosen, report = options or TrainingOptions(), in_percent(progress)
-        reading = as_share(part_of(report, 0.0, _READ))
+        chosen, report = options or TrainingOptions(), progress or silent
+        reading, fitting = part_of(report, 0.0, _READ), part_of(report, _READ, 1.0)
         cohorts = collect_cohorts(cases, normal_displacements, chosen, reading)
         splits = split_cases(cohorts[0], chosen, cv)
         # Those of a basis have its motions in memory, so each is one piece of work.
         works = (delayed(_fitted)(cohort, splits, chosen) for cohort in cohorts)
-        results = []
-        for number, result in enumerate(Parallel(return_as="generator", batch_size=1)(works)):
-            results.append(result)
-            report(_READ + (1.0 - _READ) * (number + 1) / len(cohorts))
+        fitted = Parallel(return_as="generator", batch_size=1)(works)
+        results = list(reported(fitted, fitting, len(cohorts)))
         final = better([result.final for result in results])
         held_out = _held_out(results, splits, cohorts[final])
         cohort, fit = cohorts[final], results[final].final

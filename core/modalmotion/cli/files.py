@@ -28,7 +28,7 @@ from modalmotion.formats.named_arrays import RAW_TYPES
 from modalmotion.mesh import NO_FACTS, WORDS, Facts, facts_from_texts
 from modalmotion.mesh.facts import stated_twice
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress, Stopwatch
+from modalmotion.progress import Progress, Reporter, Stopwatch
 from modalmotion.signature.making import ModalSignature, modal_signature
 
 if TYPE_CHECKING:
@@ -101,11 +101,11 @@ class Waiting:
     """
 
     def __init__(self, source: Path) -> None:
-        self.watch = Stopwatch(report=lambda _share, name: self._note(name))
+        self.watch = Stopwatch(report=self._note)
         has_bar = source.suffix.lower() == ".zip" or not source.is_file()
         self._shown = {"read"} if has_bar else set()
         self._began = time.perf_counter()
-        self._stage: tuple[str, float] | None = None
+        self._stage, self._since = Progress(0.0), self._began
         self._over = threading.Event()
         self._teller = threading.Thread(target=self._tell, daemon=True)
 
@@ -123,18 +123,19 @@ class Waiting:
         since = 1e3 * (time.perf_counter() - self._began)
         return {**stages, "other": max(0.0, since - sum(stages.values()))}
 
-    def _note(self, name: str) -> None:
-        self._stage = (name, time.perf_counter()) if name else None
+    def _note(self, progress: Progress) -> None:
+        if self._stage.stage != progress.stage:
+            self._since = time.perf_counter()
+        self._stage = progress
 
     def _tell(self) -> None:
         is_terminal, width = sys.stderr.isatty(), 0
         while not self._over.wait(_PATIENCE_SECONDS):
-            if (stage := self._stage) is None or stage[0] in self._shown:
+            name, done = self._stage.stage, self._stage.share
+            if not name or name in self._shown:
                 continue
-            name, since = stage
-            seconds = time.perf_counter() - since
+            seconds = time.perf_counter() - self._since
             if is_terminal:
-                done = self.watch.of_stage
                 line = f"{name} {seconds:.0f} s" + (f", {done:.0%}" if done else "")
                 click.echo(f"\r{line:<{width}}", nl=False, err=True)
                 width = max(width, len(line))
@@ -273,17 +274,15 @@ def progress_bar(items: Iterable[Any] | None = None, **options: Any) -> Any:
 
 
 @contextlib.contextmanager
-def counting(label: str) -> Iterator[Progress]:
-    """Show a bar; gives a function that takes the number done and, once it is known, of all."""
+def counting(label: str) -> Iterator[Reporter]:
+    """Show a bar of what is done, from the first report on."""
     with contextlib.ExitStack() as open_bar:
         bar: Any = None
 
-        def show(done: int, total: int) -> None:
+        def show(progress: Progress) -> None:
             nonlocal bar
             if bar is None:
-                made = progress_bar(length=total, label=label)
-                bar = open_bar.enter_context(made)
-            bar.length = total
-            bar.update(done - bar.pos)
+                bar = open_bar.enter_context(progress_bar(length=100, label=label))
+            bar.update(round(100 * progress.share) - bar.pos)
 
         yield show

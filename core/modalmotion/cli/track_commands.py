@@ -41,7 +41,7 @@ from modalmotion.pictures.track import (
     overlay_gif,
     usual_frame,
 )
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.store import write_atomic
 from modalmotion.tracking import Track
@@ -112,7 +112,7 @@ def fitted_recording(
 
 
 def _followed(
-    recorded: Recorded, named: dict[str, Any], progress: Progress | None = None, **stated: Any
+    recorded: Recorded, named: dict[str, Any], progress: Reporter | None = None, **stated: Any
 ) -> Track:
     landmarks, start = named.pop("landmarks"), named.pop("start")
     marks = stated_landmarks(landmarks, recorded, stated["unit"], stated.get("reference", 0))

@@ -17,7 +17,7 @@ from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.formats.npz import write_npz
 from modalmotion.mesh import Facts, facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress
+from modalmotion.progress import Progress, Reporter
 
 Source = str | Path | bytes | bytearray | memoryview | MeshSequence
 """Source of an upload: a file by its path, the bytes of a file, or a sequence."""
@@ -42,7 +42,7 @@ class Body:
     n_bytes: int
     media_type: str = "application/octet-stream"
 
-    def sent(self, progress: Progress | None) -> Iterator[bytes]:
+    def sent(self, progress: Reporter | None) -> Iterator[bytes]:
         """Yield the pieces, and report progress after each."""
         done, source = 0, self.source
         try:
@@ -51,7 +51,7 @@ class Body:
                     yield piece
                     done += len(piece)
                     if progress is not None:
-                        progress(min(done, self.n_bytes), self.n_bytes)
+                        progress(Progress(min(done, self.n_bytes), self.n_bytes))
         except OSError as error:
             if not isinstance(source, Path):
                 raise

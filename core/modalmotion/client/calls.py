@@ -22,7 +22,7 @@ from modalmotion.client.errors import (
 from modalmotion.client.values import NPZ, STREAM, Info, arrays_of, compressed_of, info_of
 from modalmotion.formats.npz import read_npz
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress, in_percent
+from modalmotion.progress import Progress, Reporter, silent
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -94,7 +94,7 @@ class Job(Generic[T]):
         """
         self.status = status_of(self._service._send(Call("DELETE", self._path)).json)
 
-    def wait(self, *, timeout: float | None = None, progress: Progress | None = None) -> T:
+    def wait(self, *, timeout: float | None = None, progress: Reporter | None = None) -> T:
         """Wait for the result.
 
         Parameters
@@ -102,7 +102,7 @@ class Job(Generic[T]):
         timeout : float, s, optional
             For ever by default; the job itself goes on afterwards.
         progress : callable, optional
-            Called with the percentage that is done, and 100, at each poll.
+            Called with the share that is done at each poll.
 
         Raises
         ------
@@ -114,10 +114,10 @@ class Job(Generic[T]):
             If the time has passed.
         """
         end = None if timeout is None else time.monotonic() + timeout
-        pause, report = _FIRST_PAUSE, in_percent(progress)
+        pause, report = _FIRST_PAUSE, progress or silent
         while True:
             requested = None if self._is_finished else self._poll()
-            report(self.status.progress)
+            report(Progress(self.status.progress))
             if self._is_finished:
                 return self._result()
             pause = min(
@@ -174,7 +174,7 @@ def awaited(
     answer: Answer,
     read: Callable[[Answer], T],
     accept: str,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> T:
     """Read an answer; where it is a job (202), wait for its result and read that."""
     if answer.status != 202:
@@ -276,7 +276,7 @@ class Caller(Connection):
         return awaited(self, answer, read, asked.accept, shown)
 
     def _started(
-        self, asked: Call, read: Callable[[Answer], T], progress: Progress | None = None
+        self, asked: Call, read: Callable[[Answer], T], progress: Reporter | None = None
     ) -> Job[T]:
         answer = self._send(asked.with_headers(Prefer="respond-async"), progress)
         if answer.status != 202:

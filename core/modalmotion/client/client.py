@@ -22,7 +22,7 @@ from modalmotion.client.values import (
     form_of,
 )
 from modalmotion.errors import StoreError
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 
 if TYPE_CHECKING:
     from modalmotion.classification import FeatureTable
@@ -132,7 +132,7 @@ class Client(Recordings):
 
     @call("POST /v1/classify")
     def classify_of(
-        self, source: Source, *, progress: Progress | None = None, **options: Option
+        self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> Info:
         """Ask a model for the class of a sequence sent along; nothing is stored.
 
@@ -162,7 +162,7 @@ class Client(Recordings):
         name: str,
         cases: Iterable[Case],
         *,
-        progress: Progress | None = None,
+        progress: Reporter | None = None,
         **options: Option,
     ) -> Info:
         """Train a model on stored sequences: the next version of its name.
@@ -193,7 +193,7 @@ class Client(Recordings):
         name: str,
         cases: Iterable[Case],
         *,
-        progress: Progress | None = None,
+        progress: Reporter | None = None,
         **options: Option,
     ) -> Info:
         """Test a model, name or name@version, on stored, labelled sequences.
@@ -220,7 +220,7 @@ class Client(Recordings):
 
     @call("POST /v1/features")
     def features(
-        self, cases: Iterable[Case], *, progress: Progress | None = None, **options: Option
+        self, cases: Iterable[Case], *, progress: Reporter | None = None, **options: Option
     ) -> FeatureTable:
         """Return the features of stored sequences.
 
@@ -247,7 +247,7 @@ class Client(Recordings):
         name: str,
         controls: Iterable[Case],
         *,
-        progress: Progress | None = None,
+        progress: Reporter | None = None,
         **options: Option,
     ) -> Info:
         """Make a norm of stored sequences of people who are taken as usual.
@@ -369,7 +369,7 @@ class Client(Recordings):
         source: Recording,
         path: str | Path,
         *,
-        progress: Progress | None = None,
+        progress: Reporter | None = None,
         **options: Option,
     ) -> None:
         """Track a surface through images, points or contours, and write a zip of its report.
@@ -393,7 +393,7 @@ class Client(Recordings):
         asked = replace(track_call(source, {**options, "report": True}), accept=ZIP)
         self._save(path, asked, progress)
 
-    def _save(self, path: str | Path, asked: Call, progress: Progress | None = None) -> None:
+    def _save(self, path: str | Path, asked: Call, progress: Reporter | None = None) -> None:
         from modalmotion.store import write_atomic
 
         place = Path(path)

@@ -25,7 +25,7 @@ from modalmotion.client.errors import (
     understood,
 )
 from modalmotion.errors import ParameterError, needs_extra
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 from modalmotion.representation import shown
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ class Connection:
         """Close the connections."""
         self._http.close()
 
-    def _send(self, call: Call, progress: Progress | None = None) -> Answer:
+    def _send(self, call: Call, progress: Reporter | None = None) -> Answer:
         """Send a request, retry where that is safe and may help, and read its answer.
 
         Parameters
@@ -272,7 +272,7 @@ class Connection:
             self._sleep(wait)
         raise AssertionError("at least one attempt is made")
 
-    def _attempt(self, call: Call, progress: Progress | None, end: float) -> Answer:
+    def _attempt(self, call: Call, progress: Reporter | None, end: float) -> Answer:
         if not call.path.startswith("/"):
             # Another host's address would be sent the key.
             raise ParameterError(

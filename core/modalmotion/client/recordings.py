@@ -34,7 +34,7 @@ from modalmotion.client.values import (
 from modalmotion.errors import ShapeError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress
+from modalmotion.progress import Progress, Reporter
 from modalmotion.signature.distance import Comparison
 from modalmotion.signature.making import ModalSignature
 
@@ -60,7 +60,7 @@ class Recordings(Caller):
 
     @call("POST /v1/sequences", is_keyed=True)
     def upload(
-        self, source: Source, *, progress: Progress | None = None, **options: Option
+        self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> Info:
         """Send a sequence, and wait until it is stored.
 
@@ -86,7 +86,7 @@ class Recordings(Caller):
 
     @call("POST /v1/sequences", is_keyed=True)
     def start_upload(
-        self, source: Source, *, progress: Progress | None = None, **options: Option
+        self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> Job[Info]:
         """Send a sequence, and let a job of the service read it."""
 
@@ -144,7 +144,7 @@ class Recordings(Caller):
     # Signatures.
 
     def signature(
-        self, sequence_id: str, *, progress: Progress | None = None, **options: Option
+        self, sequence_id: str, *, progress: Reporter | None = None, **options: Option
     ) -> ModalSignature:
         """Return the modal signature of a stored sequence: the library's own, bit for bit.
 
@@ -182,7 +182,7 @@ class Recordings(Caller):
 
     @call("POST /v1/signature", HDF5)
     def signature_of(
-        self, source: Source, *, progress: Progress | None = None, **options: Option
+        self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> ModalSignature:
         """Return the modal signature of a sequence sent along; nothing is stored.
 
@@ -195,7 +195,7 @@ class Recordings(Caller):
         """
 
     def signatures(
-        self, sequence_ids: Iterable[str], *, progress: Progress | None = None, **options: Option
+        self, sequence_ids: Iterable[str], *, progress: Reporter | None = None, **options: Option
     ) -> list[Info]:
         """Return the trajectories of many sequences, in the order of their ids.
 
@@ -217,7 +217,7 @@ class Recordings(Caller):
             request = {"ids": ids[start : start + at_once], **options}
             answers += self._awaited(posted("/v1/signatures/query", request, NPZ), pack_of)
             if progress is not None:
-                progress(len(answers), len(ids))
+                progress(Progress(len(answers), len(ids)))
         return answers
 
     @call("GET /v1/signatures/{signature}/reconstruction", NPZ)
@@ -270,7 +270,7 @@ class Recordings(Caller):
 
     @call("POST /v1/encode", STREAM)
     def encode(
-        self, source: Source, *, progress: Progress | None = None, **options: Option
+        self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> Info:
         """Compress a sequence at an error you choose; nothing is stored.
 
@@ -289,7 +289,7 @@ class Recordings(Caller):
 
     @call("POST /v1/decode", NPZ)
     def decode(
-        self, source: Source, *, progress: Progress | None = None, **options: Option
+        self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> MeshSequence:
         """Decode a stream, or a part of it.
 
@@ -304,7 +304,7 @@ class Recordings(Caller):
 
     @call("POST /v1/templates")
     def make_template(
-        self, source: Source, *, progress: Progress | None = None, **options: Option
+        self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> Info:
         """Make the template of a sequence's reference frame, and store it.
 
@@ -342,7 +342,7 @@ class Recordings(Caller):
         """Delete a template; signatures that were fitted on it stay."""
 
     @call("POST /v1/images", is_keyed=True)
-    def upload_images(self, source: Source, *, progress: Progress | None = None) -> Info:
+    def upload_images(self, source: Source, *, progress: Reporter | None = None) -> Info:
         """Send images to be tracked: `make_track(images)` does, and deletes them.
 
         Parameters
@@ -371,7 +371,7 @@ class Recordings(Caller):
         """Delete images; tracks that were made of them stay."""
 
     def make_track(
-        self, source: Recording, *, progress: Progress | None = None, **options: Option
+        self, source: Recording, *, progress: Reporter | None = None, **options: Option
     ) -> Track:
         """Track a surface through a recording, and store it with the sequence that it makes.
 

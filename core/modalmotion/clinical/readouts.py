@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import scipy
 
 from modalmotion.arguments.checking import Plotted
-from modalmotion.clinical.affine_superposition import superposed_positions
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve, volume_deviations
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh import Cavity, cavity_of
@@ -20,10 +21,19 @@ from modalmotion.modes.topology import CUP, PLANE
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, Ints, counted, numeral, shown, with_article
-from modalmotion.signature.fit import make_basis
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.fit import Basis, make_basis, project
+from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.signature.reconstruction import fitted_on
+from modalmotion.signature.superposition import normal_reference
 from modalmotion.template import Template
+from modalmotion.template.body_frame import (
+    HELD,
+    Components,
+    from_local,
+    local_frames,
+    to_local,
+    unit_coordinates,
+)
 
 # Of the cube of the size: a surface that encloses less is a sheet, to rounding.
 _NOTHING: Final = 1e-9
@@ -339,3 +349,223 @@ def _notes(own: Floats, volumes: Floats, name: Fraction) -> tuple[Note, ...]:
         text = Note.of("cavity_unknown")
         return (text,)
     return ()
+
+
+# Floats of positions in memory at once.
+_BLOCK: Final = 500_000
+
+
+def superposed_positions(
+    signature: ModalSignature, template: Template, basis: Basis, rest: Floats
+) -> Iterator[tuple[slice, Floats]]:
+    """Positions in the frame of the reference, without rotation, some frames at a time.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    template : Template
+    basis : Basis
+        Of the signature's modes on the template.
+    rest : (vertices, 3) float64
+        Reference positions near the origin, in a unit in which they are of size 1.
+
+    Yields
+    ------
+    frames : slice
+    positions : (n, vertices, 3) float64
+        In the unit of `rest`, in which the caller passes the amplitudes.
+    """
+    n_frames, n_vertices = signature.n_frames, len(rest)
+    step = max(1, _BLOCK // (3 * n_vertices))
+    if signature.kind == SignatureKind.NORMAL_DISPLACEMENT:
+        # Normal displacements have no affine part that could be separated.
+        normals, _ = normal_reference(template, rest)
+        for first in range(0, n_frames, step):
+            part = slice(first, first + step)
+            u = from_local(_superposed(signature.amplitudes[part], basis.shapes.T), normals)
+            yield part, u + rest
+        return
+    is_local = signature.parameters.components != Components.CARTESIAN
+    frames = local_frames(template) if is_local else None
+    q = unit_coordinates(rest, template.weights)
+    of_maps = _amplitudes_of_maps(basis, q, frames)
+    a = signature.amplitudes.reshape(n_frames, -1)
+    # a ~ c D by least squares, over the maps that the amplitudes determine
+    U, S, Vt = np.linalg.svd(of_maps, full_matrices=False)
+    seen = S > HELD
+    c = a @ (Vt[seen].T / S[seen] @ U[:, seen].T)
+    remaining = (a - c @ of_maps).reshape(signature.amplitudes.shape)
+    A, axes = c.reshape(n_frames, -1, 3), np.ascontiguousarray(q.T)
+    for first in range(0, n_frames, step):
+        part = slice(first, first + step)
+        u = _superposed(remaining[part], basis.shapes.T)
+        if frames is not None:
+            u = from_local(u, frames)
+        # x + A q + sum_p a_p phi_p
+        u += _superposed(A[part], axes)
+        u += rest
+        yield part, u
+
+
+def _superposed(coefficients: Floats, rows: Floats) -> Floats:
+    """Sum of fields times coefficients, (frames, vertices, n)."""
+    f, m, n = coefficients.shape
+    by_direction = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(n * f, m)
+    return (by_direction @ rows).reshape(f, n, -1).transpose(0, 2, 1)
+
+
+def _amplitudes_of_maps(basis: Basis, q: Floats, frames: Floats | None) -> Floats:
+    """Amplitudes of the motions by coordinate i along direction j, (3 i + j, 3 modes) float64."""
+    rows = []
+    for coordinate in q.T:
+        for direction in range(3):
+            u = np.zeros((1, 3, len(q)))
+            u[0, direction] = coordinate
+            if frames is not None:
+                u = to_local(u, frames)
+            rows.append(project(basis, u.transpose(0, 2, 1)).ravel())
+    return np.array(rows)
+
+
+# Points between two frames at which a spline's slope is evaluated.
+_FINE: Final = 32
+
+# A spline's peak is off by so many times its distance from the chords' at most, and by so many
+# times the square of that as a share of it: chords are off by O(h^2), splines by O(h^3) at most.
+_FAR: Final = 1.5
+_NEAR: Final = 6.0
+
+
+@shown("heart_rate", "cardiac_output", "peak_ejection_rate", "peak_filling_rate")
+@dataclass(frozen=True)
+class Rates:
+    """Rates of a beating cavity; volumes in the read-outs' `volume_unit`.
+
+    Parameters
+    ----------
+    peak_ejection_rate, peak_filling_rate : float, volume per s
+        Largest fall and rise of the volume, of a cubic spline through the frames; both positive.
+    ejection_bound, filling_bound : float, volume per s
+        Bounds on the error of the rates: from the volumes' own bounds, and between frames.
+    ejection_frame, filling_frame : int
+        Frames nearest to the peaks.
+    heart_rate : float or None, beats per minute
+        None if no period is given.
+    cardiac_output : float or None, volume per minute
+        Stroke volume times heart rate.
+    output_range : tuple of float or None, volume per minute
+        Interval of the true cardiac output.
+    """
+
+    peak_ejection_rate: float
+    peak_filling_rate: float
+    ejection_bound: float
+    filling_bound: float
+    ejection_frame: int
+    filling_frame: int
+    heart_rate: float | None
+    cardiac_output: float | None
+    output_range: tuple[float, float] | None
+
+
+def rates_of(readouts: ClinicalReadouts, period: float | None = None) -> Rates:
+    """Derive rates from a volume over time.
+
+    Parameters
+    ----------
+    readouts : ClinicalReadouts
+    period : float, s, optional
+        Of the heartbeat. The frame after the last is then the first, unless it repeats it.
+
+    Raises
+    ------
+    ParameterError
+        If the times are unknown, or there are fewer than three frames.
+    """
+    times, factor = readouts.times, readouts.shown_in
+    if times is None or len(times) < 3:
+        raise ParameterError(
+            "Rates of emptying and filling need the times of at least three frames.",
+            remedy="Give the times or the interval of the frames (--frame-interval).",
+        )
+    volumes, bounds = readouts.curve.volumes * factor, readouts.curve.bounds * factor
+    fall, rise = _peaks(times, volumes, bounds, period)
+    heart_rate = output = interval = None
+    if period is not None:
+        heart_rate = 60.0 / period
+        output = readouts.curve.stroke_volume * factor * heart_rate
+        low, high = readouts.curve.stroke_range
+        interval = (low * factor * heart_rate, high * factor * heart_rate)
+    return Rates(
+        peak_ejection_rate=fall.rate,
+        peak_filling_rate=rise.rate,
+        ejection_bound=fall.bound,
+        filling_bound=rise.bound,
+        ejection_frame=fall.frame,
+        filling_frame=rise.frame,
+        heart_rate=heart_rate,
+        cardiac_output=output,
+        output_range=interval,
+    )
+
+
+@dataclass(frozen=True)
+class _Peak:
+    """Largest rate of one sign, its bound and the frame next to it."""
+
+    rate: float
+    bound: float
+    frame: int
+
+
+def _peaks(
+    times: Floats, volumes: Floats, bounds: Floats, period: float | None
+) -> tuple[_Peak, _Peak]:
+    """Largest fall and rise, periodic if the cycle is closed."""
+    n = len(times)
+    t, step = times, float(times[-1] - times[0]) / (n - 1)
+    weights = np.eye(n)
+    closes = period is not None and period > t[-1] - t[0] - 0.5 * step
+    if closes and period is not None:
+        if period < t[-1] - t[0] + 0.5 * step:
+            # The last frame repeats the first: one volume, measured twice.
+            t, weights = t[:-1], weights[:-1]
+            weights[0, -1] = weights[0, 0] = 0.5
+        t = np.append(t, t[0] + period)
+        weights = np.concatenate([weights, weights[:1]])
+    # Rates are sums of volumes: (times, frames) weights.
+    spline = scipy.interpolate.CubicSpline(t, weights, bc_type="periodic" if closes else "natural")
+    fine = np.interp(np.arange(_FINE * (len(t) - 1) + 1) / _FINE, np.arange(len(t)), t)
+    slopes = spline(fine, 1)
+    # The slope at an open end depends on the end condition.
+    knots = scipy.interpolate.CubicSpline(t, weights, bc_type="not-a-knot")
+    other = slopes if closes else knots(fine, 1)
+    rates, others = slopes @ volumes, other @ volumes
+    chords = _central(t, weights @ volumes, is_closed=closes)
+    found = []
+    for sign in (-1.0, 1.0):
+        at = int(np.argmax(sign * rates))
+        rate = max(0.0, float(sign * rates[at]))
+        beside = abs(rate - max(0.0, float((sign * chords).max())))
+        between = beside * min(_FAR, _NEAR * beside / rate) if rate > 0.0 else 0.0
+        between += abs(float((sign * others).max()) - float((sign * rates).max()))
+        frame = int(np.argmin(np.abs(t - fine[at])))
+        found.append(
+            _Peak(
+                rate,
+                float(np.abs(slopes[at]) @ bounds) + between,
+                0 if closes and frame == len(t) - 1 else frame,
+            )
+        )
+    return found[0], found[1]
+
+
+def _central(t: Floats, v: Floats, *, is_closed: bool) -> Floats:
+    """Slopes of chords between the neighbours of each time; at open ends from one side."""
+    if is_closed:
+        t = np.concatenate([[t[0] - (t[-1] - t[-2])], t])
+        v = np.concatenate([v[-2:-1], v])
+    else:
+        t, v = (np.concatenate([x[:1], x, x[-1:]]) for x in (t, v))
+    slopes: Floats = (v[2:] - v[:-2]) / (t[2:] - t[:-2])
+    return slopes

@@ -30,7 +30,7 @@ from modalmotion.codec.search import MOST_TRIALS, Encoded, Errors, measure, try_
 from modalmotion.codec.spatial_modes import STORED
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress, ShareReport, in_percent, part_of
+from modalmotion.progress import Progress, Reporter, part_of, silent
 
 LONGEST_BLOCK: Final = 512
 
@@ -51,7 +51,7 @@ def encode(
     max_error: float | None = None,
     n_bytes: int | None = None,
     effort: Effort | str = Effort.BALANCED,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> Encoded:
     """Encode a mesh sequence at one of three targets.
 
@@ -92,11 +92,11 @@ def encode(
         raise ParameterError(
             f"The effort {effort!r} is unknown.", remedy=f"Use one of {', '.join(Effort)}."
         ) from None
-    report = in_percent(progress)
-    report(0.0)
+    report = progress or silent
+    report(Progress(0.0))
     choice = choose(sequence, effort)
     faces = _faces_section(sequence, RELATIONS[effort])
-    report(SHARE_OF_FACES)
+    report(Progress(SHARE_OF_FACES))
     rest = part_of(report, SHARE_OF_FACES, 1.0)
     if target.measure == Measure.BYTES:
         encoded = _within_bytes(sequence, choice, faces, int(target.value), rest)
@@ -106,7 +106,7 @@ def encode(
     if is_error and effort == Effort.BALANCED and sequence.n_vertices <= FEW:
         quick = encode(sequence, rms=rms, max_error=max_error, effort=Effort.FAST)
         encoded = min(encoded, quick, key=lambda one: one.n_bytes)
-    report(1.0)
+    report(Progress(1.0))
     return encoded
 
 
@@ -116,7 +116,7 @@ def _usual_error(sequence: MeshSequence) -> float:
 
 
 def _at_error(
-    sequence: MeshSequence, choice: Choice, faces: bytes, target: Target, report: ShareReport
+    sequence: MeshSequence, choice: Choice, faces: bytes, target: Target, report: Reporter
 ) -> Encoded:
     # Finer than float64 distinguishes positions, or than its squares: only the numbers themselves
     # do.
@@ -136,7 +136,7 @@ def _at_error(
         if block is None:
             return _store(sequence, faces)
         blocks.append(block)
-        report(shares[1])
+        inside(Progress(1.0))
     decoded = np.concatenate([block.positions for block in blocks])
     errors = measure(sequence.vertices, decoded)
     reached = errors.rms if target.measure == Measure.RMS else errors.max_error
@@ -162,7 +162,7 @@ def _store(sequence: MeshSequence, faces: bytes) -> Encoded:
 
 
 def _within_bytes(
-    sequence: MeshSequence, choice: Choice, faces: bytes, n_bytes: int, report: ShareReport
+    sequence: MeshSequence, choice: Choice, faces: bytes, n_bytes: int, report: Reporter
 ) -> Encoded:
     """Search the error whose stream just fits."""
     stored = _store(sequence, faces)

@@ -28,7 +28,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topology import CLOSED, OPEN, OPEN_CURVE, Topology
-from modalmotion.progress import ShareReport, part_of, silent
+from modalmotion.progress import Progress, Reporter, part_of, silent
 from modalmotion.representation import Floats, Ints, with_article
 
 
@@ -242,7 +242,7 @@ class _Frames:
 
 
 def encode_frames(
-    vertices: FloatArray, choice: Choice, target: Target, report: ShareReport = silent
+    vertices: FloatArray, choice: Choice, target: Target, report: Reporter = silent
 ) -> EncodedBlock | None:
     """Encode some frames at an error.
 
@@ -256,7 +256,7 @@ def encode_frames(
         return None
     error = float(np.ldexp(target.value, -frames.exponent))
     search = _at_rms if target.measure == Measure.RMS else _at_max_error
-    report(SHARE_OF_MODES)
+    report(Progress(SHARE_OF_MODES))
     # Known before the search, which at such an error takes longest.
     if _least_uncertainty(frames, choice) > MOST_UNCERTAIN:
         return None
@@ -282,7 +282,7 @@ def _prepare(vertices: FloatArray, choice: Choice, target: Target) -> _Frames | 
 
 
 def _at_rms(
-    frames: _Frames, choice: Choice, target: Target, error: float, report: ShareReport
+    frames: _Frames, choice: Choice, target: Target, error: float, report: Reporter
 ) -> EncodedBlock | None:
     n_frames, _, n_vertices = frames.offsets.shape
     # Rounding to whole quanta adds a twelfth to each coordinate's square.
@@ -304,12 +304,12 @@ def _at_rms(
                 best = _shorter(best, done)
                 break
             share *= min(LESS, ROOM / over**2)
-        report(number / len(choice.kinds))
+        report(Progress(number, len(choice.kinds)))
     return best
 
 
 def _at_max_error(
-    frames: _Frames, choice: Choice, target: Target, error: float, report: ShareReport
+    frames: _Frames, choice: Choice, target: Target, error: float, report: Reporter
 ) -> EncodedBlock | None:
     # Half a step of each coordinate's correction and the rounding to the type of the vertices
     # stay within.
@@ -339,7 +339,7 @@ def _at_max_error(
                 continue
             best = _shorter(best, done)
         blocks.clear()
-        report(number / len(choice.kinds))
+        report(Progress(number, len(choice.kinds)))
     return best
 
 

@@ -12,7 +12,7 @@ from modalmotion.formats import ReadOptions, read_sequence
 from modalmotion.formats.detect import STREAM
 from modalmotion.formats.result import Reading
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 from modalmotion.store.disk import write_atomic
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
 
 
 def read_recording(
-    path: Path, options: ReadOptions | None = None, *, progress: Progress | None = None
+    path: Path, options: ReadOptions | None = None, *, progress: Reporter | None = None
 ) -> Reading:
     """Read a moving surface with its notes; for a track its sequence and errors.
 

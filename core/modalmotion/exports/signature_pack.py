@@ -23,7 +23,7 @@ from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhd
 from modalmotion.hdf5.form import Form
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.scales import lengths
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import Floats
 from modalmotion.signature.hdf5 import mode_datasets
 from modalmotion.signature.making import ModalSignature
@@ -95,7 +95,7 @@ class PackReport:
     failures: tuple[tuple[str, str], ...] = ()
 
 
-def export(root: Path, out: Path, *, progress: Progress | None = None) -> PackReport:
+def export(root: Path, out: Path, *, progress: Reporter | None = None) -> PackReport:
     """Pack the trajectories of all signatures of a store into one HDF5 file.
 
     Signatures with the same parameters, modes and unit form a group; their frames follow one
@@ -140,15 +140,13 @@ def export(root: Path, out: Path, *, progress: Progress | None = None) -> PackRe
             )
 
         def read() -> Iterator[Packed]:
-            for number, (sequence_id, key) in enumerate(names):
+            for sequence_id, key in reported(names, progress):
                 try:
                     pair = store.signature(sequence_id, key), store.sequence_record(sequence_id)
                 except (CorruptFileError, NotFoundError) as error:
                     failures.append((sequence_id, str(error)))
                 else:
                     yield pair
-                if progress is not None:
-                    progress(number + 1, len(names))
             if len(failures) == len(names):
                 raise CorruptFileError(
                     f"None of {len(names)} signatures can be read as written. {failures[0][1]}"

@@ -34,7 +34,7 @@ from modalmotion.formats.vtk_xml import xml_tree
 from modalmotion.limits import NO_LIMITS, TEXT_UNFOLDING, ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.notes import Note
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 from modalmotion.representation import counted
 
 FRAME_SUFFIXES: Final = (".stl", ".ply", ".obj", ".off", ".vtk", ".vtp", ".vtu")
@@ -234,7 +234,7 @@ def read_files(
     names: list[str],
     read: Callable[[str], bytes],
     parser: Parser,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     sizes: Mapping[str, int] | None = None,
 ) -> Reading:
     """Read a sequence from files.
@@ -295,7 +295,7 @@ def is_pattern(path: Path) -> bool:
     return bool({*"*?["} & set(path.name))
 
 
-def read_folder(path: Path, parser: Parser, progress: Progress | None = None) -> Reading:
+def read_folder(path: Path, parser: Parser, progress: Reporter | None = None) -> Reading:
     """Read a sequence from the files in a folder, or from those that match a pattern.
 
     Parameters
@@ -370,7 +370,7 @@ class Archive:
         return self.parser.parse(task, data)
 
 
-def read_zip(data: bytes, parser: Parser, progress: Progress | None = None) -> Reading:
+def read_zip(data: bytes, parser: Parser, progress: Reporter | None = None) -> Reading:
     """Read a sequence from a zip of frames. Nothing is unpacked to a disk.
 
     Parameters

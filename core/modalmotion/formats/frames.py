@@ -26,7 +26,7 @@ from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_from_texts
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.notes import Note
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 
 
 class FrameStack:
@@ -204,7 +204,7 @@ def read_frames(
     read: Callable[[str], bytes],
     parser: Parser,
     times: tuple[float, ...] | None = None,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> Reading:
     """Read frames and join them to one sequence.
 
@@ -224,17 +224,15 @@ def read_frames(
     InputError
         It names the frame and its file.
     """
-    report = progress or (lambda _done, _all: None)
     parser.limits.require("frames", len(names))
     stack: FrameStack | None = None
-    for number, name in enumerate(names):
+    for number, name in enumerate(reported(names, progress)):
         with _named(number, name):
             frame, kind = read_mesh(read(name), None, parser)
             if stack is None:
                 stack = FrameStack(frame, kind, len(names), parser.limits)
             else:
                 stack.add(number, frame, kind)
-        report(number + 1, len(names))
     if stack is None:
         raise MalformedFileError("There are no frames.", remedy="Send one file or more.")
     return stack.result(times)

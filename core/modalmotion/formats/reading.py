@@ -15,7 +15,7 @@ from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Answer, Parser, Reading, ReadOptions, reading_of
 from modalmotion.mesh import facts_from_json
 from modalmotion.notes import notes_from_json
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 
 
 def _result(answer: Answer) -> Reading:
@@ -38,7 +38,7 @@ def read_sequence(
     source: bytes | str | Path,
     options: ReadOptions | None = None,
     *,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     parser: Parser | None = None,
 ) -> Reading:
     """Read a mesh sequence, recognising its format by content.
@@ -72,7 +72,7 @@ def read_sequence(
 
 
 def _read(
-    source: bytes | Path, options: ReadOptions, parser: Parser, progress: Progress | None
+    source: bytes | Path, options: ReadOptions, parser: Parser, progress: Reporter | None
 ) -> Reading:
     if isinstance(source, bytes):
         return _read_bytes(source, options, parser, progress)
@@ -97,7 +97,7 @@ def _nothing_beside(name: str) -> bytes:
 
 
 def _read_bytes(
-    data: bytes, options: ReadOptions, parser: Parser, progress: Progress | None
+    data: bytes, options: ReadOptions, parser: Parser, progress: Reporter | None
 ) -> Reading:
     limits = parser.limits
     kind = options.format or detect_format(data)

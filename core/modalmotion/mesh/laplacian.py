@@ -20,7 +20,7 @@ import scipy
 
 from modalmotion.mesh.triangles import corners_of, face_normals
 from modalmotion.numeric.native import run
-from modalmotion.progress import ShareReport, share_fallen, silent
+from modalmotion.progress import Progress, Reporter, share_fallen, silent
 from modalmotion.representation import Floats, Ints
 
 
@@ -106,7 +106,7 @@ _SET_UP: Final = 0.3
 
 
 def solve_by_multigrid(
-    matrix: scipy.sparse.csc_array, right: Floats, report: ShareReport = silent
+    matrix: scipy.sparse.csc_array, right: Floats, report: Reporter = silent
 ) -> Floats | None:
     """Solve a sparse symmetric positive definite system.
 
@@ -141,7 +141,7 @@ def solve_by_multigrid(
         if left <= _TOLERANCE * start:
             return x
         done = max(done, share_fallen(left, start, _TOLERANCE * start))
-        report(_SET_UP + (1 - _SET_UP) * done)
+        report(Progress(_SET_UP + (1 - _SET_UP) * done))
         if number == _LOOK_AT and left > _FALLEN * start:
             return None
         z = cycle(residual)
@@ -231,7 +231,7 @@ LARGE: Final = 50_000
 
 
 def solve_positive_definite(
-    matrix: scipy.sparse.csc_array, right: Floats, report: ShareReport = silent
+    matrix: scipy.sparse.csc_array, right: Floats, report: Reporter = silent
 ) -> Floats:
     """Solve a sparse symmetric positive definite system.
 

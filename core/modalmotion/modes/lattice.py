@@ -1,4 +1,4 @@
-"""Lattices of masses and springs: products of chains, whose modes are known in closed form.
+"""Lattices of masses and springs: their modes, in closed form, and displacements in them.
 
 Equation numbers are those of Nastar, INRIA research report, 1994.
 """
@@ -6,13 +6,22 @@ Equation numbers are those of Nastar, INRIA research report, 1994.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import real, whole_numbers
-from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
+from modalmotion.errors import (
+    LimitError,
+    NonFiniteError,
+    ParameterError,
+    ShapeError,
+    TopologyError,
+)
 from modalmotion.modes.mode_set import ModeSet, all_modes, lowest_modes, whole_count
 from modalmotion.modes.topology import (
     CLOSED,
@@ -22,8 +31,7 @@ from modalmotion.modes.topology import (
     require_shape,
     scales_of,
 )
-from modalmotion.modes.trigonometry import cosines, sin_pi
-from modalmotion.representation import Floats, Ints, shown
+from modalmotion.representation import Bools, Floats, Ints, shown
 
 
 @shown()
@@ -343,3 +351,294 @@ def modes_named(
         require_shape(topology, shape)
         require_within_zone(modes, shape)
     return modes
+
+
+# Numbers in a block of frames, 8 MB in float64.
+_BLOCK: Final = 1 << 20
+
+
+def require_frames(array: Any, name: str, length: int, of: str) -> NDArray[Any]:
+    """Check an array of frames: (frames, `length`, directions), real numbers.
+
+    Parameters
+    ----------
+    array : array_like
+        Neither copied nor read: it may be mapped from a file.
+    name : str
+        Its name in the error.
+    length : int
+    of : str
+        Meaning of `length`.
+
+    Raises
+    ------
+    ShapeError
+        If it is not a real array of that shape.
+    """
+    frames: NDArray[Any] = np.asanyarray(array)
+    if frames.dtype.kind not in "fiu":
+        raise ShapeError(
+            f"'{name}' contains {frames.dtype}, not real numbers.",
+            remedy="Use float32 or float64.",
+            details={"array": name, "dtype": str(frames.dtype)},
+        )
+    if frames.ndim != 3 or frames.shape[1] != length:
+        raise ShapeError(
+            f"'{name}' has the shape {frames.shape}, not (frames, {length} {of}, directions).",
+            remedy="Put frames first and directions last; a single frame needs its axis too.",
+            details={"array": name, "shape": list(frames.shape)},
+        )
+    return frames
+
+
+def blocks(n_frames: int, frame_size: int) -> Iterator[slice]:
+    """Cut frames into blocks of at most 8 MB in float64, and of at least one frame."""
+    n = max(1, _BLOCK // max(1, frame_size))
+    for first in range(0, n_frames, n):
+        yield slice(first, min(first + n, n_frames))
+
+
+def require_finite(result: NDArray[Any], source: NDArray[Any], first: int, of: str) -> None:
+    """Refuse frames that are not finite, detected in a result to which every number adds.
+
+    Looking at the few results costs nothing beside looking at every number of the source.
+
+    Parameters
+    ----------
+    result : (frames, ..., directions)
+    source : (frames, vertices or modes, directions)
+    first : int
+        Number of the first frame.
+    of : str
+        Meaning of the middle axis of `source`.
+
+    Raises
+    ------
+    NonFiniteError
+        Naming the frame and the number at fault.
+    """
+    if np.isfinite(result).all():
+        return
+    bad = np.argwhere(~np.isfinite(source))
+    if not bad.size:
+        frame = int(np.argwhere(~np.isfinite(result))[0, 0])
+        raise NonFiniteError(
+            f"The numbers of frame {first + frame} are finite, but too large for their sum.",
+            remedy="Use a larger unit of length.",
+            frame=first + frame,
+        )
+    frame, number, direction = (int(i) for i in bad[0])
+    raise NonFiniteError(
+        f"Frame {first + frame}, {of} {number}: direction {direction} is "
+        f"{source[frame, number, direction]}.",
+        remedy="Repair or leave out the frame; missing numbers are not guessed.",
+        frame=first + frame,
+        vertex=number if of == "node" else None,
+        details={of: number, "direction": direction, "count": len(bad)},
+    )
+
+
+def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> Floats:
+    """Amplitudes of modes in displacements, (2) inverted: a = Phi'u / nodes.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    modes : ModeSet
+    displacements : (frames, nodes, directions) float32 or float64, any length unit
+        Read in blocks of frames, so that it may be mapped from a file.
+
+    Returns
+    -------
+    (frames, modes, directions) float64, the same unit
+
+    Raises
+    ------
+    ShapeError
+        If the displacements are not a real array of that shape.
+    NonFiniteError
+        Naming the first frame and node that are not finite.
+    TopologyError, ParameterError
+        If the lattice has no such modes.
+    """
+    source = require_frames(displacements, "displacements", lattice.n_nodes, "nodes")
+    amplitudes = np.empty((len(source), len(modes), source.shape[2]))
+    # Overflow shows in the amplitudes.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for some in blocks(len(modes), lattice.n_nodes):
+            shapes = lattice.shapes(modes.take(some)).T
+            for frames in blocks(len(source), lattice.n_nodes * source.shape[2]):
+                block = np.ascontiguousarray(source[frames], dtype=np.float64)
+                result = shapes @ block / lattice.n_nodes
+                require_finite(result, block, frames.start, "node")
+                amplitudes[frames, some] = result
+    return amplitudes
+
+
+def superpose(lattice: Lattice, modes: ModeSet, amplitudes: NDArray[Any]) -> Floats:
+    """Displacements of modes with these amplitudes, modal superposition (2) u = Phi a.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    modes : ModeSet
+    amplitudes : (frames, modes, directions) float32 or float64, any length unit
+
+    Returns
+    -------
+    (frames, nodes, directions) float64, the same unit
+
+    Raises
+    ------
+    ShapeError
+        If the amplitudes are not a real array of that shape.
+    NonFiniteError
+        Naming the first frame and mode that are not finite.
+    TopologyError, ParameterError
+        If the lattice has no such modes.
+    """
+    source = require_frames(amplitudes, "amplitudes", len(modes), "modes")
+    require_finite(source, source, 0, "mode")
+    displacements = np.zeros((len(source), lattice.n_nodes, source.shape[2]))
+    for some in blocks(len(modes), lattice.n_nodes):
+        shapes = lattice.shapes(modes.take(some))
+        for frame, values in enumerate(source[:, some]):
+            displacements[frame] += shapes @ values.astype(np.float64)
+    return displacements
+
+
+def cos_pi(numerator: Ints, denominator: int) -> Floats:
+    """cos(pi numerator / denominator).
+
+    Parameters
+    ----------
+    numerator : (...) int64
+    denominator : int
+        Positive and below 2^60.
+
+    Returns
+    -------
+    (...) float64
+    """
+    # cos is even with period 2, antisymmetric about 1/2: fold to [0, 1/2].
+    k = numerator % (2 * denominator)
+    k = np.minimum(k, 2 * denominator - k)
+    above = 2 * k > denominator
+    k = np.where(above, denominator - k, k)
+    # The nearer of 0 and 1/2 is the origin, so that no argument exceeds pi / 4.
+    from_half = denominator - 2 * k
+    value = np.where(
+        4 * k <= denominator,
+        np.cos(np.pi * (k / denominator)),
+        np.sin((np.pi / 2) * (from_half / denominator)),
+    )
+    return np.where(above, -value, value)
+
+
+def sin_pi(numerator: Ints, denominator: int) -> Floats:
+    """sin(pi numerator / denominator), to full relative precision near every zero.
+
+    Parameters
+    ----------
+    numerator : (...) int64
+    denominator : int
+        Positive and below 2^60.
+
+    Returns
+    -------
+    (...) float64
+    """
+    k = numerator % (2 * denominator)
+    below = k > denominator
+    k = np.where(below, 2 * denominator - k, k)
+    k = np.minimum(k, denominator - k)
+    from_half = denominator - 2 * k
+    # At pi / 4 the cosine, as in `cos_pi`: the same angle has the same bits.
+    value = np.where(
+        4 * k < denominator,
+        np.sin(np.pi * (k / denominator)),
+        np.cos((np.pi / 2) * (from_half / denominator)),
+    )
+    return np.where(below, -value, value)
+
+
+# Beyond this many parts of a turn single cosines cost less memory than all of a circle.
+_LARGEST_CIRCLE: Final = 1 << 16
+
+
+def cosines(factors: Ints, places: Ints, turn: int, is_sine: Bools) -> Floats:
+    """cos, or sin, of 2 pi factor place / turn: whole numbers are reduced before the cosine.
+
+    Parameters
+    ----------
+    factors : (m,) int64
+    places : (n,) int64
+    turn : int
+    is_sine : (m,) bool
+        For each factor.
+
+    Returns
+    -------
+    (m, n) float64
+    """
+    parts = 4 * turn // math.gcd(turn, 4)
+    # The sine is a quarter turn back.
+    phase = exact_products(factors, places, turn) * (parts // turn)
+    phase -= is_sine[:, None] * (parts // 4)
+    if parts <= _LARGEST_CIRCLE:
+        return circle_cosines(parts).take(phase, mode="wrap")
+    return cos_pi(phase, parts // 2)
+
+
+@lru_cache(maxsize=16)
+def circle_cosines(turn: int) -> Floats:
+    """Cosines of every whole multiple of 1 / `turn` of a turn, with the bits of `cos_pi`.
+
+    Every factor of every mode of a lattice is one of these, so that whole axes cost an eighth
+    of a turn of evaluations and a look-up.
+
+    Parameters
+    ----------
+    turn : int
+        A multiple of 4.
+
+    Returns
+    -------
+    (turn,) float64
+        cos(2 pi k / turn). The sine is a quarter turn back.
+    """
+    quarter, eighth = turn // 4, turn // 8
+    angle = np.arange(eighth + 1.0)
+    angle /= turn // 2
+    angle *= np.pi
+    cosines = np.empty(turn)
+    np.cos(angle, out=cosines[: eighth + 1])
+    cosines[quarter:eighth:-1] = np.sin(angle[: quarter - eighth])
+    np.negative(cosines[quarter - 1 :: -1], out=cosines[quarter + 1 : 2 * quarter + 1])
+    cosines[2 * quarter + 1 :] = cosines[2 * quarter - 1 : 0 : -1]
+    return cosines
+
+
+def exact_products(factors: Ints, others: Ints, modulus: int) -> Ints:
+    """Outer products reduced modulo `modulus`, in exact integers of any length.
+
+    Parameters
+    ----------
+    factors, others : (m,), (n,) int64
+    modulus : int
+
+    Returns
+    -------
+    (m, n) int64
+        From 0 to `modulus` - 1.
+    """
+    most = _largest(factors) * _largest(others)
+    if most < 2**62:
+        reduced: Ints = np.multiply.outer(factors, others) % modulus
+        return reduced
+    exact = np.multiply.outer(factors.astype(object), others.astype(object)) % modulus
+    return np.asarray(exact, dtype=np.int64)
+
+
+def _largest(integers: Ints) -> int:
+    return max(abs(int(integers.min(initial=0))), abs(int(integers.max(initial=0))))

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
-from modalmotion.modes.lattice import Lattice, require_within_zone
+from modalmotion.modes.lattice import Lattice, require_within_zone, sin_pi
 from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topology import CLOSED
-from modalmotion.modes.trigonometry import sin_pi
 from modalmotion.representation import Floats, Ints
 
 ComplexArray = NDArray[np.complex128]

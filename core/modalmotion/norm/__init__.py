@@ -12,8 +12,8 @@ from modalmotion.norm.norm import (
     cohort_deviation,
     norm_from_hdf5,
     norm_to_hdf5,
+    train_norm,
 )
-from modalmotion.norm.training import train_norm
 
 __all__ = [
     "CohortDeviation",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +15,8 @@ import numpy as np
 from modalmotion.arguments.checking import Saved
 from modalmotion.classification.answer import signature_in
 from modalmotion.classification.card import require_model_name
-from modalmotion.classification.cohort import conditions_of
+from modalmotion.classification.cases import TrainingCase, as_case
+from modalmotion.classification.cohort import alike, conditions_of
 from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import Extractor
@@ -23,7 +24,7 @@ from modalmotion.clinical import Fraction, clinical_readouts
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.hdf5.form import Form
 from modalmotion.hdf5.image import Dataset, json_text
-from modalmotion.mesh import UNKNOWN
+from modalmotion.mesh import UNKNOWN, Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import (
     LEVEL,
@@ -41,8 +42,9 @@ from modalmotion.norm.deviation import (
     without_covariates,
 )
 from modalmotion.notes import Note, notes_as_json, notes_from_json
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import Floats, counted, numeral, shown
-from modalmotion.signature.making import ModalSignature
+from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes
 
 FORM: Final = Form("norm", 5)
@@ -540,3 +542,115 @@ def norm_from_hdf5(source: bytes | Path) -> Norm:
         if norm.id != contents.text("norm_id"):
             raise ValueError("its contents are not those that its id names")
     return norm
+
+
+FEWEST_CONTROLS: Final = 9
+"""With fewer no p-value is as small as 1/10."""
+
+
+def train_norm(
+    controls: Iterable[Any],
+    name: str,
+    *,
+    modes: int = 7,
+    topology: str | None = None,
+    progress: Reporter | None = None,
+) -> Norm:
+    """Make a norm of recordings of people who are taken as usual.
+
+    The modes in which they compare, and whether they are cycles, are decided from all of them
+    together. Nothing else is fitted: what is usual is decided anew for each recording that is
+    compared, from the controls and that recording.
+
+    Parameters
+    ----------
+    controls : iterable of TrainingCase, CaseSource, MeshSequence or ModalSignature
+        One recording of each person; labels are not read. Volumes are read of sequences, and of
+        signatures whose case names its sequence. Those with points that slide
+        (`tracking="normal_displacement"`) are read by their normal displacements.
+    name : str
+        As models are named.
+    modes : int
+        Of the signatures of sequences.
+    topology : str, optional
+        Of these signatures; "mesh" for spring modes.
+    progress : function, optional
+        Called with the number of controls read and of all.
+
+    Raises
+    ------
+    ParameterError
+        If there are too few controls, two of one person, or the name cannot be kept.
+    UnlikeCasesError
+        If their modes do not compare.
+    ModalMotionError
+        If one cannot be fitted; it is named.
+    """
+    # Here, for scikit-learn takes a second, and whoever reads a norm needs none of it.
+    from modalmotion.classification.scikit_learn import SignatureFeatures
+
+    require_model_name(name)
+    cases = [as_case(one, number) for number, one in enumerate(controls)]
+    _require_people(cases)
+    transformer = SignatureFeatures(modes=modes, topology=topology)
+    parameters = parameters_of_controls(
+        transformer.signature_parameters, (case.motion.facts for case in cases)
+    )
+    signatures = alike(cases, parameters)[0].signatures
+    transformer.fit(signatures)
+    readings = []
+    for case, signature in reported(zip(cases, signatures, strict=True), progress, len(cases)):
+        sequence, extractor = case.read_sequence(), transformer.extractor_
+        readings.append(
+            reading_of(signature, sequence, extractor, subject=case.subject, name=case.name)
+        )
+    notes = []
+    if len(cases) < fewest_controls(LEVEL):
+        notes.append(
+            Note.of(
+                "few_controls",
+                controls=counted(len(cases), "control"),
+                n_readings=len(cases) + 1,
+                level=LEVEL,
+                needed=fewest_controls(LEVEL),
+            )
+        )
+    return Norm(
+        name=name,
+        readable=transformer.readable_,
+        extractor=transformer.extractor_,
+        columns=tuple(map(str, transformer.get_feature_names_out())),
+        controls=tuple(readings),
+        notes=tuple(notes),
+    )
+
+
+def parameters_of_controls(
+    parameters: SignatureParameters, facts: Iterable[Facts]
+) -> SignatureParameters:
+    """Choose the kind that controls are read with: normal displacements if points of one slide."""
+    if any(one.tracking == SignatureKind.NORMAL_DISPLACEMENT.value for one in facts):
+        return replace(parameters, kind=SignatureKind.NORMAL_DISPLACEMENT)
+    return parameters
+
+
+def _require_people(cases: list[TrainingCase]) -> None:
+    if len(cases) < FEWEST_CONTROLS:
+        raise ParameterError(
+            f"A norm of {counted(len(cases), 'control')} is too small.",
+            remedy=f"Give at least {FEWEST_CONTROLS}, and {fewest_controls(LEVEL)} for the usual "
+            f"level of {LEVEL}.",
+            details={"n_controls": len(cases), "needed": FEWEST_CONTROLS},
+        )
+    seen: dict[str, str] = {}
+    for case in cases:
+        motion = case.motion
+        own = motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
+        for key in filter(None, (own, case.subject and f"subject {case.subject}")):
+            if key in seen:
+                raise ParameterError(
+                    f"{case.name} and {seen[key]} are recordings of one person.",
+                    remedy="Give one recording of each control: two of one are too much alike.",
+                    details={"case": case.name},
+                )
+            seen[key] = case.name

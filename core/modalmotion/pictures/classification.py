@@ -9,7 +9,7 @@ import numpy as np
 
 from modalmotion.classification.answer import Classification
 from modalmotion.classification.card import ModelCard
-from modalmotion.classification.intervals import wilson_interval
+from modalmotion.classification.performance import wilson_interval
 from modalmotion.pictures.view import lighten, new_figure
 from modalmotion.representation import numeral, probability
 

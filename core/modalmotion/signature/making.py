@@ -18,7 +18,7 @@ from modalmotion.mesh.geometry import cavity_of
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.modes.topology import PLANE, Topology
 from modalmotion.notes import Note
-from modalmotion.progress import ShareReport, Stopwatch, silent
+from modalmotion.progress import Reporter, Stopwatch, silent
 from modalmotion.representation import Floats, Ints, counted, numeral
 from modalmotion.signature.choice import choose_fit, notes_on_compactness
 from modalmotion.signature.deviations import deviations_of
@@ -212,7 +212,7 @@ def resolve_template(
     sequence: MeshSequence,
     parameters: SignatureParameters,
     template: Template | None = None,
-    report: ShareReport = silent,
+    report: Reporter = silent,
 ) -> Template:
     """Give the template that the parameters ask for: the one they name, or the sequence's own.
 

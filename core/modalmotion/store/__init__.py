@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 from modalmotion.arguments.public import public_list
 
 if TYPE_CHECKING:
-    from modalmotion.classification.answer_hdf5 import (
+    from modalmotion.classification.answer import (
         classification_from_hdf5 as classification_from_hdf5,
     )
-    from modalmotion.classification.answer_hdf5 import classification_key as classification_key
-    from modalmotion.classification.answer_hdf5 import (
+    from modalmotion.classification.answer import classification_key as classification_key
+    from modalmotion.classification.answer import (
         classification_to_hdf5 as classification_to_hdf5,
     )
     from modalmotion.classification.card import NAME_PATTERN as NAME_PATTERN

@@ -12,7 +12,7 @@ from pathlib import Path, PurePath
 from typing import Final
 
 from modalmotion.errors import ParameterError, StoreError
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import shown
 from modalmotion.store.deletion import TOMBSTONES, was_deleted
 from modalmotion.store.disk import (
@@ -86,7 +86,7 @@ class RestoreReport:
 
 
 def backup(
-    root: Path, target: Path, *, accept_missing: bool = False, progress: Progress | None = None
+    root: Path, target: Path, *, accept_missing: bool = False, progress: Reporter | None = None
 ) -> BackupReport:
     """Copy a store as it is now, or bring an earlier copy up to date.
 
@@ -138,7 +138,7 @@ def backup_time(root: Path) -> str | None:
 
 
 def restore(
-    copy: Path, root: Path, *, deletions: Path | None = None, progress: Progress | None = None
+    copy: Path, root: Path, *, deletions: Path | None = None, progress: Reporter | None = None
 ) -> RestoreReport:
     """Put back what a folder lacks of its backup; `rebuild` its stores afterwards.
 
@@ -170,7 +170,7 @@ def restore(
     with _writing_to(there), FolderLock(here / "lock"):
         # Databases last: what they name is there before them.
         names = sorted(_files_of(here), key=lambda name: (name.suffix == ".sqlite", name))
-        for number, name in enumerate(names):
+        for name in reported(names, progress):
             status = (here / name).stat()
             if not (there / name).exists():
                 if any(was_deleted(one, name, status.st_mtime) for one in knowing):
@@ -179,8 +179,6 @@ def restore(
                     _remove_logs(there / name)
                     _copy(here / name, there / name)
                     n_files, n_bytes = n_files + 1, n_bytes + status.st_size
-            if progress is not None:
-                progress(number + 1, len(names))
         _sync_folders(there, names)
     as_of = backup_time(copy) or "unknown"
     return RestoreReport(n_files, n_bytes, n_deleted, as_of, knows_deletions)
@@ -208,7 +206,7 @@ def _apart(source: Path, target: Path) -> tuple[Path, Path]:
 
 
 def _bring_up_to_date(
-    root: Path, copy: Path, accept_missing: bool, progress: Progress | None
+    root: Path, copy: Path, accept_missing: bool, progress: Reporter | None
 ) -> BackupReport:
     as_of = now()
     for path in list(copy.rglob(".modalmotion-*.tmp")):
@@ -224,12 +222,8 @@ def _bring_up_to_date(
             staged[name] = _stage_database(root / name, copy / name)
         # Again: what the databases name by now is there.
         present = {name for name in _files_of(root) if name.suffix != ".sqlite"}
-        new = []
-        for number, name in enumerate(sorted(present), 1):
-            if _copied(root / name, copy / name):
-                new.append(name)
-            if progress is not None:
-                progress(number, len(present))
+        looked_at = reported(sorted(present), progress)
+        new = [name for name in looked_at if _copied(root / name, copy / name)]
         _sync_folders(copy, new)
         gone, done, lost = _parted(
             root, copy, [n for n in _files_of(copy) if n not in present and n not in databases]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.classification.answer_hdf5 import read_classification
+from modalmotion.classification.answer import read_classification
 from modalmotion.classification.card import ModelRecord, ModelReference
 from modalmotion.classification.model_files import read_kept_model
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
@@ -17,7 +17,7 @@ from modalmotion.hdf5.sealed import digest_of
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.mesh.sequence import read_sequence
 from modalmotion.norm.norm import norm_from_hdf5
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
 from modalmotion.store.database import Database, ServiceTable
@@ -121,11 +121,11 @@ _READERS: Final[dict[str, Callable[[Path, Any], Any]]] = {
 
 
 def _rows(
-    folder: Folder, files: Iterable[tuple[str, Any]], progress: Progress | None
+    folder: Folder, files: Iterable[tuple[str, Any]], progress: Reporter | None
 ) -> Iterator[tuple[Path, str, Any, Any]]:
     """Read files of places and names: gives path, place, name, and the row or what is wrong."""
     chosen = sorted(((folder.path(*file), *file) for file in files), key=lambda file: file[0])
-    for number, (path, place, name) in enumerate(chosen, 1):
+    for path, place, name in reported(chosen, progress):
         try:
             row = _READERS[place](path, name)
         except StoreError as error:
@@ -133,8 +133,6 @@ def _rows(
         except OSError as error:
             row = StoreError(str(error.strerror))
         yield path, place, name, row
-        if progress is not None:
-            progress(number, len(chosen))
 
 
 @shown()
@@ -187,7 +185,7 @@ class VerifyReport:
         return not self.faults
 
 
-def verify(root: Path, *, progress: Progress | None = None) -> VerifyReport:
+def verify(root: Path, *, progress: Reporter | None = None) -> VerifyReport:
     """Read every file of a store and compare it with the index; nothing is changed.
 
     Parameters
@@ -324,7 +322,7 @@ class Reconciliation:
     n_models: int = 0
 
 
-def rebuild(root: Path, *, progress: Progress | None = None) -> Reconciliation:
+def rebuild(root: Path, *, progress: Reporter | None = None) -> Reconciliation:
     """Build the index of a store anew from its files, whose seals are all checked.
 
     Sequences with subject, label and time, and all results, come from the files. Tables of
@@ -392,7 +390,7 @@ def _usable(folder: Folder) -> tuple[Database, bool]:
 
 
 def reconcile(
-    folder: Folder, index: Index, *, thorough: bool, progress: Progress | None = None
+    folder: Folder, index: Index, *, thorough: bool, progress: Reporter | None = None
 ) -> Reconciliation:
     """Make the index say what the files say.
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from modalmotion.classification.answer import Classification
-from modalmotion.classification.answer_hdf5 import read_classification
+from modalmotion.classification.answer import Classification, read_classification
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
 from modalmotion.mesh import NO_FACTS

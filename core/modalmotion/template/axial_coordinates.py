@@ -8,7 +8,7 @@ import numpy as np
 
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
 from modalmotion.notes import Note
-from modalmotion.progress import ShareReport, silent
+from modalmotion.progress import Reporter, silent
 from modalmotion.representation import Floats
 from modalmotion.template.axis import (
     Axes,
@@ -50,7 +50,7 @@ _FLAT_CAP: Final = 1e-3
 
 
 def cup_coordinates(
-    surface: Surface, places: dict[str, Floats], axes: Axes, report: ShareReport = silent
+    surface: Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
 ) -> Coordinates:
     """Torsion function towards the openings, and azimuth about the axis.
 
@@ -128,7 +128,7 @@ def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
     return 2 * np.pi * r**2 * (1 - np.cos(w)), float(-2 * r**2 * np.log(np.cos(w / 2)))
 
 
-def _torsion(surface: Surface, report: ShareReport) -> Floats | None:
+def _torsion(surface: Surface, report: Reporter) -> Floats | None:
     """Solve -Laplace u = 1 with u = 0 on the openings of the base, over what it is at the pole.
 
     None if that is impossible. Through the rim of an apex that is cut off flows what its cap
@@ -199,7 +199,7 @@ def cylinder_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
 
 
 def cylinder_coordinates(
-    surface: Surface, places: dict[str, Floats], axes: Axes, report: ShareReport = silent
+    surface: Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
 ) -> Coordinates:
     """Harmonic function between the openings, and azimuth about the axis.
 
@@ -272,7 +272,7 @@ def sphere_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
 
 
 def sphere_coordinates(
-    surface: Surface, places: dict[str, Floats], axes: Axes, report: ShareReport = silent
+    surface: Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
 ) -> Coordinates:
     """Angle between the poles of the long axis, and azimuth about it.
 

@@ -16,7 +16,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
 from modalmotion.mesh.triangles import mean_slopes
 from modalmotion.modes.topology import CLOSED, CUP, CYLINDER, Topology
-from modalmotion.progress import ShareReport, silent
+from modalmotion.progress import Reporter, silent
 from modalmotion.representation import Floats, Ints
 from modalmotion.template.landmarks import Coordinates, Landmarks
 from modalmotion.template.surface import Opening, Surface, corner_steps
@@ -277,7 +277,7 @@ _GLUE = 1e-12
 
 
 def potential(
-    surface: Surface, sources: Floats, held: Ints, values: Floats, report: ShareReport = silent
+    surface: Surface, sources: Floats, held: Ints, values: Floats, report: Reporter = silent
 ) -> Floats | None:
     """Solve -Laplace u = sources with u fixed on some vertices, by linear elements.
 
@@ -323,7 +323,7 @@ def potential(
 
 
 def _solved(
-    surface: Surface, sources: Floats, u: Floats, free: Ints, report: ShareReport
+    surface: Surface, sources: Floats, u: Floats, free: Ints, report: Reporter
 ) -> Floats | None:
     stiffness = _stiffness(surface)
     right = sources[free] - (stiffness @ u)[free]

@@ -14,7 +14,7 @@ from modalmotion.mesh.triangles import curve_weights
 from modalmotion.modes.topology import CYLINDER, SPHERE, Topology, lattice_coordinates
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.progress import ShareReport, part_of, silent
+from modalmotion.progress import Progress, Reporter, part_of, silent
 from modalmotion.representation import Floats, Ints, counted
 from modalmotion.template.axial_coordinates import AXIAL
 from modalmotion.template.axis import Placement, degree
@@ -103,7 +103,7 @@ def make_template(
     landmarks: GivenLandmarks | None = None,
     closed_form: bool = True,
     by_rows: bool = True,
-    report: ShareReport = silent,
+    report: Reporter = silent,
 ) -> Template:
     """Make the template of a sequence from one of its own frames.
 
@@ -147,7 +147,7 @@ def make_template(
         _require_left(faces)
     steady = steady_shape(start, middle, faces, sequence.topology)[first]
     surface, corner, scale = _normalised(steady, faces)
-    report(_MEASURED)
+    report(Progress(_MEASURED))
     mean = _mean_surface(surface, (middle[first] - corner) / scale)
     places, mean_places = (
         {
@@ -170,7 +170,7 @@ def make_template(
         notes += _notes_on_mesh(surface, isolated)
     topology, reason = _decide(sequence, surface, closed_form, notes)
     coordinates = placement = None
-    report(_RECOGNISED)
+    report(Progress(_RECOGNISED))
     if topology is not None:
         of_surface = not by_rows and is_placed_by_shape(sequence)
         solving = part_of(report, _RECOGNISED, _SOLVED)
@@ -185,7 +185,7 @@ def make_template(
                 topology, surface, mean, places, mean_places, at_vertices, scale, axes_of, make
             )
             coordinates = make(surface, places, placement.axes, solving)
-    report(_SOLVED)
+    report(Progress(_SOLVED))
     if (
         coordinates is not None
         and topology is not None
@@ -245,7 +245,7 @@ def make_template(
 def _recognised_in_frame_0(
     sequence: MeshSequence,
     landmarks: GivenLandmarks | None,
-    report: ShareReport,
+    report: Reporter,
 ) -> Template:
     """Make the template of the mean shape, with the topology of frame 0.
 

@@ -10,7 +10,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh.triangles import curve_weights, step_lengths
 from modalmotion.modes.topology import CLOSED_CURVE, PLANE, TORUS, Topology
 from modalmotion.notes import Note
-from modalmotion.progress import ShareReport, part_of, silent
+from modalmotion.progress import Reporter, part_of, silent
 from modalmotion.representation import Floats, Ints
 from modalmotion.template.axis import (
     Axes,
@@ -49,7 +49,7 @@ def plane_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
 
 
 def plane_coordinates(
-    surface: Surface, places: dict[str, Floats], axes: Axes, report: ShareReport = silent
+    surface: Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
 ) -> Coordinates:
     """Place along the longer and the shorter axis of inertia, or between four stated corners.
 
@@ -113,7 +113,7 @@ def _rim_positions(surface: Surface, corners: Floats) -> list[Ints]:
     return [np.take(rim, np.arange(ends[i], ends[i + 1] + 1), mode="wrap") for i in range(4)]
 
 
-def _between_corners(surface: Surface, sides: list[Ints], report: ShareReport) -> Floats | None:
+def _between_corners(surface: Surface, sides: list[Ints], report: Reporter) -> Floats | None:
     # Sides in order: t = 0, s = 1, t = 1, s = 0. Each coordinate is harmonic between two.
     columns = []
     for k, (low, high) in enumerate(((sides[3], sides[1]), (sides[0], sides[2]))):
@@ -167,7 +167,7 @@ def torus_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
 
 
 def torus_coordinates(
-    surface: Surface, places: dict[str, Floats], axes: Axes, _: ShareReport = silent
+    surface: Surface, places: dict[str, Floats], axes: Axes, _: Reporter = silent
 ) -> Coordinates | None:
     """Angle around the tube and angle around the hole.
 

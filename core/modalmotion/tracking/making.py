@@ -14,7 +14,7 @@ from modalmotion.mesh import Facts
 from modalmotion.mesh.checks import require_times
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.notes import Note
-from modalmotion.progress import Progress
+from modalmotion.progress import Progress, Reporter
 from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends
@@ -59,7 +59,7 @@ def motion_in(
     *,
     start: Start | None = None,
     period: float | None = None,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> Track:
     """Track a surface through observations that do not correspond from frame to frame.
 
@@ -135,7 +135,7 @@ def _observed(
     p: TrackParameters,
     start: Start | None,
     period: float | None,
-    progress: Progress | None,
+    progress: Reporter | None,
 ) -> _Seen:
     """1. What was observed: points, with the edges of images among them, and stated places."""
     images, shown, is_closed = recorded.images, None, p.time == "cycle"
@@ -399,13 +399,13 @@ def _require_reference(reference: int | None, n_frames: int) -> int:
     return int(reference)
 
 
-def _counted(progress: Progress | None, n_steps: int) -> Callable[[], None]:
+def _counted(progress: Reporter | None, n_steps: int) -> Callable[[], None]:
     """Step that reports itself; more than foreseen are not reported."""
     count = itertools.count(1)
 
     def done() -> None:
         k = next(count)
         if progress is not None and k <= n_steps:
-            progress(k, n_steps)
+            progress(Progress(k, n_steps))
 
     return done

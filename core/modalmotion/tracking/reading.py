@@ -35,7 +35,7 @@ from modalmotion.images import ImageSequence
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import UNKNOWN
 from modalmotion.notes import Note
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import Floats, shown
 from modalmotion.tracking.label_values import whole_labels
 from modalmotion.tracking.landmarks import (
@@ -123,7 +123,7 @@ def read_observed(
     *,
     labels: Sequence[str | int] = (),
     coordinates: str = UNKNOWN,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     limits: ReadLimits | None = None,
     parser: Parser | None = None,
 ) -> Recorded:
@@ -211,13 +211,13 @@ def _of_files(
     labels: Sequence[str | int],
     coordinates: str,
     parser: Parser,
-    progress: Progress | None,
+    progress: Reporter | None,
 ) -> Recorded:
     visible = [name for name in files if not is_hidden(name)]
     names, times, notes = _listed(visible, files, parser.limits)
     parser.limits.require("frames", len(names))
     frames: list[_FrameFile] = []
-    for k, name in enumerate(names):
+    for k, name in enumerate(reported(names, progress)):
         with in_frame(k, name):
             frames.append(_frame(name, files[name](), labels, parser))
             system, first = frames[k].states.get(_SYSTEM), frames[0].states.get(_SYSTEM)
@@ -226,8 +226,6 @@ def _of_files(
                     f"Its coordinate system is {system}, that of frame 0 {first}.",
                     remedy="Save all frames in one coordinate system.",
                 )
-        if progress is not None:
-            progress(k + 1, len(names))
     landmarks = {
         name: np.stack([frame.landmarks.get(name, _NOWHERE) for frame in frames])
         for name in sorted({name for frame in frames for name in frame.landmarks})

@@ -18,7 +18,7 @@ from modalmotion.images import ImageSequence
 from modalmotion.images.sequence import Images, images_in
 from modalmotion.mesh import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 from modalmotion.tracking.hdf5 import kept_track
 from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
 from modalmotion.tracking.label_values import is_label_map, whole_labels
@@ -35,7 +35,7 @@ def track(
     *,
     start: Start | None = None,
     facts: Facts = NO_FACTS,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     **options: Any,
 ) -> Track:
     """Track a surface through what does not correspond from frame to frame.
@@ -193,7 +193,7 @@ def segment(
     landmarks: Mapping[str, Any] | None = None,
     frame: int = 0,
     start: Start | None = None,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
     **options: Any,
 ) -> Track:
     """Find a surface in one image.

@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from modalmotion.classification.answer import Classification
 from modalmotion.clinical import clinical_readouts
-from modalmotion.clinical.rates import Rates
-from modalmotion.clinical.readouts import ClinicalReadouts
+from modalmotion.clinical.readouts import ClinicalReadouts, Rates
 from modalmotion.clinical.segments import RegionalMotion
-from modalmotion.clinical.sensitivity import Sensitivities
 from modalmotion.clinical.strain import DEFINITIONS, DYSSYNCHRONY, Strain
-from modalmotion.clinical.ventricle import ventricle_readouts
+from modalmotion.clinical.ventricle import Sensitivities, ventricle_readouts
 from modalmotion.clinical.volume_curve import TWO_DEVIATIONS, Fraction
 from modalmotion.errors import InputError, LimitError
 from modalmotion.hdf5.image import INTENDED_USE

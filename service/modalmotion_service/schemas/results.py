@@ -7,10 +7,9 @@ from pydantic import Field
 from modalmotion.classification import FLAGS, Classification
 from modalmotion.classification.answer import ModeContribution
 from modalmotion.clinical import ClinicalReadouts
-from modalmotion.clinical.rates import Rates
-from modalmotion.clinical.sensitivity import Sensitivities
-from modalmotion.clinical.torsion import Torsion
-from modalmotion.clinical.ventricle import VentricleReadouts, readouts_json
+from modalmotion.clinical.readouts import Rates
+from modalmotion.clinical.strain import Torsion
+from modalmotion.clinical.ventricle import Sensitivities, VentricleReadouts, readouts_json
 from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.notes import Note

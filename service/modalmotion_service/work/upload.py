@@ -23,7 +23,7 @@ from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
 from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
 from modalmotion.mesh.facts import NO_FACTS, UNKNOWN, Facts
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter
 from modalmotion.tracking.reading import Recorded, read_observed
 
 logger = logging.getLogger(__name__)
@@ -136,7 +136,7 @@ class Upload:
             file.seek(start)
             return file.read(length)
 
-    def read(self, progress: Progress | None = None) -> Reading:
+    def read(self, progress: Reporter | None = None) -> Reading:
         """Read it, in a worker.
 
         Parameters
@@ -157,7 +157,7 @@ class Upload:
         self,
         labels: Sequence[str | int],
         coordinates: str = UNKNOWN,
-        progress: Progress | None = None,
+        progress: Reporter | None = None,
     ) -> Recorded:
         """Read it as observations that do not correspond, in a worker.
 
@@ -183,7 +183,7 @@ class Upload:
                 progress=progress,
             )
 
-    def images(self, progress: Progress | None = None) -> ImageSequence:
+    def images(self, progress: Reporter | None = None) -> ImageSequence:
         """Read it as images, in a worker.
 
         Parameters

@@ -22,7 +22,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh import Facts, facts_as_json
 from modalmotion.modes.topology import MESH, SPHERE
-from modalmotion.progress import StageReport, silent
+from modalmotion.progress import Progress, Reporter, silent
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import parameters_from_json
 from modalmotion.store import ResultStore, SequenceRecord
@@ -82,7 +82,7 @@ class Analysis:
         with stage("store"):
             return await asyncio.to_thread(put, *args, **kwargs)
 
-    async def followed(self, report: StageReport, task: Callable[..., T], *args: Any) -> T:
+    async def followed(self, report: Reporter, task: Callable[..., T], *args: Any) -> T:
         """Have a worker do a task whose last argument is a `ProgressFile`; report what it tells."""
         progress = self.spool.new_path()
         work, file = asyncio.ensure_future(self.work(task, *args, progress)), ProgressFile(progress)
@@ -90,7 +90,7 @@ class Analysis:
             while not work.done():
                 await asyncio.wait([work], timeout=_POLL_SECONDS)
                 if (told := file.read()) is not None:
-                    report(*told)
+                    report(told)
             return await work
         finally:
             work.cancel()
@@ -108,7 +108,7 @@ class Analysis:
         self,
         items: Sequence[A],
         work: Callable[[A], Awaitable[T]],
-        report: StageReport,
+        report: Reporter,
         what: str,
     ) -> list[T]:
         """Do something for each of many, as many at a time as there are workers.
@@ -119,7 +119,7 @@ class Analysis:
         work : async function
             The first that fails ends the others.
         report : callable
-            Called with the share that is done, and "signature 3 of 9" where `what` is a signature.
+            Called with the stage "signature 3 of 9" where `what` is a signature.
         what : str
         """
         done: dict[int, T] = {}
@@ -128,7 +128,7 @@ class Analysis:
         async def take() -> None:
             for number, item in waiting:
                 done[number] = await work(item)
-                report(len(done) / len(items), f"{what} {len(done)} of {len(items)}")
+                report(Progress(len(done), len(items), f"{what} {len(done)} of {len(items)}"))
 
         try:
             async with asyncio.TaskGroup() as takers:
@@ -195,7 +195,7 @@ class Analysis:
         return parameters, record.facts
 
     async def signature(
-        self, sequence_id: str, parameters: SignatureParameters, report: StageReport = silent
+        self, sequence_id: str, parameters: SignatureParameters, report: Reporter = silent
     ) -> Path:
         """Give the file of a signature, made if it is missing or damaged.
 
@@ -217,7 +217,7 @@ class Analysis:
         self,
         sequence_id: str,
         key: str | None,
-        report: StageReport = silent,
+        report: Reporter = silent,
         usual: SignatureParameters = USUAL,
     ) -> AsyncIterator[Fitted]:
         """Give a stored signature; without a key the usual one, for a while if it is not stored.
@@ -315,7 +315,7 @@ class Analysis:
             return None
 
     async def _sign(
-        self, sequence_id: str, parameters: SignatureParameters, image: Path, report: StageReport
+        self, sequence_id: str, parameters: SignatureParameters, image: Path, report: Reporter
     ) -> None:
         sequence = await asyncio.to_thread(self.store.sequence_path, sequence_id)
         template = self.template_path(parameters)

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Final
 
 from modalmotion.errors import ModalMotionError, StoreError
+from modalmotion.progress import Progress, Reporter
 from modalmotion.store.disk import cannot_write
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.http import negotiation as media
@@ -21,7 +22,6 @@ from modalmotion_service.work.tasks import sequences, signatures
 from modalmotion_service.work.tasks.classification import classify_upload
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Outcome, Request, State, operation
 from modalmotion_service.workspace.recording_operations import encoded, sent
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES
@@ -37,7 +37,7 @@ async def _each(
     request: Request,
     work: Callable[[Upload], Awaitable[bytes]],
     member: str,
-    report: Report,
+    report: Reporter,
 ) -> Outcome:
     """Do the same for all, a few at a time, and write what they give in their order.
 
@@ -71,7 +71,7 @@ async def _each(
                     file.write(between if number else opening)
                     file.write(b'%s, "%s": %s' % (head[:-1].encode(), member.encode(), body))
                     file.write(b', "error": %s}' % json.dumps(problem).encode())
-                    report((number + 1) / n, f"file {number + 1} of {n}")
+                    report(Progress(number + 1, n, f"file {number + 1} of {n}"))
                 file.write(closing % n_failed if b"%d" in closing else closing)
         except OSError as error:
             raise cannot_write(output, error) from error
@@ -102,14 +102,14 @@ async def _signed(state: State, upload: Upload, request: Request, media_type: st
 
 
 @operation(*SIGNATURE_TYPES, query=SIGNATURE_OF_FILE)
-async def sent_signature(state: State, request: Request, _: Report) -> Outcome:
+async def sent_signature(state: State, request: Request, _: Reporter) -> Outcome:
     """Fit an upload."""
     kind = request.media_type
     return Outcome(await _signed(state, sent(state, request), request, kind), kind)
 
 
 @operation(media.JSON, media.NDJSON, query=SIGNATURE_OF_FILE)
-async def sent_signatures(state: State, request: Request, report: Report) -> Outcome:
+async def sent_signatures(state: State, request: Request, report: Reporter) -> Outcome:
     """Fit each of many files that came in one request."""
     state.analysis.template_path(request.query.parameters())
 
@@ -128,7 +128,7 @@ async def _classified(
 
 
 @operation(query=CLASS_OF_FILE)
-async def sent_classification(state: State, request: Request, _: Report) -> Outcome:
+async def sent_classification(state: State, request: Request, _: Reporter) -> Outcome:
     """Classify the motion in an upload."""
     model = await asyncio.to_thread(models.choose, state, request.query.model)
     upload = sent(state, request)
@@ -136,7 +136,7 @@ async def sent_classification(state: State, request: Request, _: Report) -> Outc
 
 
 @operation(media.JSON, media.NDJSON, query=CLASS_OF_FILE)
-async def sent_classifications(state: State, request: Request, report: Report) -> Outcome:
+async def sent_classifications(state: State, request: Request, report: Reporter) -> Outcome:
     """Classify the motion in each of many files that came in one request."""
     model = await asyncio.to_thread(models.choose, state, request.query.model)
 
@@ -147,13 +147,13 @@ async def sent_classifications(state: State, request: Request, report: Report) -
 
 
 @operation(media.STREAM, query=ENCODING_OF_FILE)
-async def sent_encoding(state: State, request: Request, report: Report) -> Outcome:
+async def sent_encoding(state: State, request: Request, report: Reporter) -> Outcome:
     """Encode an upload."""
     return await encoded(state, sent(state, request), request.query.target, report)
 
 
 @operation(media.NPZ, media.VTKHDF, media.RAW, query=DecodingRequest)
-async def decoding(state: State, request: Request, _: Report) -> Outcome:
+async def decoding(state: State, request: Request, _: Reporter) -> Outcome:
     """Decode a stream, or a part of it."""
     frames, vertices = request.query.ranges()
     stream, limits = state.spool.at(request.file), state.settings.read_limits

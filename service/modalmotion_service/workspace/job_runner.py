@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
-from modalmotion.progress import StageReport
+from modalmotion.progress import Progress, Reporter
 from modalmotion.store.deletion import forget_tombstones
 from modalmotion.store.disk import cannot_write, is_of_the_machine
 from modalmotion.store.index import to_text
@@ -149,9 +149,6 @@ class Retention:
         return datetime.now(UTC) - datetime.fromisoformat(job.updated) > self.file_age
 
 
-Report = StageReport
-"""Called with the share of a job that is done, 0 to 1, and what is done now."""
-
 Ending = Callable[[Any], Awaitable[None]]
 
 
@@ -187,7 +184,7 @@ class JobRunner:
         self._retry_seconds = retry_seconds
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
-    async def do(self, job: Job, report: Report) -> Any:
+    async def do(self, job: Job, report: Reporter) -> Any:
         """Do a job; gives its result, a JSON value."""
         raise NotImplementedError
 
@@ -396,14 +393,14 @@ class JobRunner:
                 "a job's files stay", extra={"job": job.id, "error": type(error).__name__}
             )
 
-    def _reporter(self, job: Job) -> Report:
+    def _reporter(self, job: Job) -> Reporter:
         loop = asyncio.get_running_loop()
         pending: set[asyncio.Future[None]] = set()
         shown = job.progress
 
-        def report(share: float, text: str) -> None:
+        def report(progress: Progress) -> None:
             nonlocal shown
-            self._texts[job.id] = text
+            self._texts[job.id], share = progress.stage, progress.share
             # One write under way at a time: what comes meanwhile is soon out of date.
             if share > shown and not pending:
                 shown = share

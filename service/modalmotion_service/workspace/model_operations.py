@@ -20,8 +20,8 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh.facts import Facts
 from modalmotion.norm import Norm, norm_from_hdf5
-from modalmotion.norm.training import parameters_of_controls
-from modalmotion.progress import part_of, silent
+from modalmotion.norm.norm import parameters_of_controls
+from modalmotion.progress import Progress, Reporter, part_of, silent
 from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.http.negotiation import CSV, JSON, PNG, attachment
@@ -30,7 +30,6 @@ from modalmotion_service.work.tasks import classification
 from modalmotion_service.work.tasks.files import Fitted
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.analysis import in_one_basis
-from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Case, Outcome, Request, State, operation
 from modalmotion_service.workspace.training import case_file, fit_each, read_cases, train
 
@@ -40,7 +39,7 @@ _FITTING: Final = 0.8
 
 
 @operation(query=queries.TRAINING, is_job=True, is_apart=True)
-async def training(state: State, request: Request, report: Report) -> Outcome:
+async def training(state: State, request: Request, report: Reporter) -> Outcome:
     """Train a model on the cases of a file."""
     cases = await asyncio.to_thread(read_cases, state.spool.at(request.file))
     options = request.query.options()
@@ -49,7 +48,7 @@ async def training(state: State, request: Request, report: Report) -> Outcome:
 
 
 @operation(PNG)
-async def model_view(state: State, request: Request, _: Report) -> Outcome:
+async def model_view(state: State, request: Request, _: Reporter) -> Outcome:
     """Draw confusion matrix and calibration curve of a model's card."""
     model = await asyncio.to_thread(models.choose, state, request.reference)
     content, _versions = await asyncio.to_thread(models.describe, state, model)
@@ -58,7 +57,7 @@ async def model_view(state: State, request: Request, _: Report) -> Outcome:
 
 
 @operation(CSV)
-async def held_out(state: State, request: Request, _: Report) -> Outcome:
+async def held_out(state: State, request: Request, _: Reporter) -> Outcome:
     """Give a model's answers to its training cases, each held out.
 
     Subjects are those stored with the sequences now; of a deleted one its number.
@@ -99,7 +98,7 @@ def require_known_classes(cases: Sequence[Case], model: models.ChosenModel) -> N
 
 
 @operation(JSON, CSV, PNG, query=queries.EvaluationOptions)
-async def evaluation(state: State, request: Request, report: Report) -> Outcome:
+async def evaluation(state: State, request: Request, report: Reporter) -> Outcome:
     """Test a model, or two beside each other, on labelled sequences.
 
     The classifications of the sequences are stored on the way.
@@ -113,7 +112,7 @@ async def evaluation(state: State, request: Request, report: Report) -> Outcome:
 
     tell = part_of(report, 0.0, _CLASSIFYING)
     by_case = await state.analysis.each(request.cases, answered, tell, "sequence")
-    report(_CLASSIFYING, "figures")
+    report(Progress(_CLASSIFYING, stage="figures"))
     answers = [list(its) for its in zip(*by_case, strict=True)]
     sources, versions = [one.source for one in chosen], [one.version for one in chosen]
     body = await state.analysis.work(
@@ -155,7 +154,7 @@ def require_free_norm(state: State, name: str) -> None:
 
 
 @operation(query=queries.NormOptions, is_job=True)
-async def norm(state: State, request: Request, report: Report) -> Outcome:
+async def norm(state: State, request: Request, report: Reporter) -> Outcome:
     """Make a norm of stored controls, and keep it."""
     query, cases, analysis = request.query, request.cases, state.analysis
     own = TrainingOptions(modes=query.modes, topology=query.topology).signature_parameters
@@ -184,7 +183,7 @@ async def norm(state: State, request: Request, report: Report) -> Outcome:
 
 
 @operation(query=queries.DeviationOptions)
-async def deviations(state: State, request: Request, report: Report) -> Outcome:
+async def deviations(state: State, request: Request, report: Reporter) -> Outcome:
     """Compare stored sequences with a norm, each, and from five on together."""
     cases, store = request.cases, state.store
     kept = await asyncio.to_thread(store.norm, request.reference)
@@ -215,7 +214,7 @@ def _facts(state: State, case: Case) -> Facts:
 
 
 async def _recordings(
-    state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Report = silent
+    state: State, cases: Sequence[Case], parameters: SignatureParameters, report: Reporter = silent
 ) -> list[Fitted]:
     recordings, paths = [], await fit_each(state, cases, parameters, report, _FITTING)
     for case, path in zip(cases, paths, strict=True):
@@ -229,7 +228,7 @@ async def _recordings(
 
 
 @operation(JSON, CSV, query=queries.FeatureOptions)
-async def features(state: State, request: Request, report: Report) -> Outcome:
+async def features(state: State, request: Request, report: Reporter) -> Outcome:
     """Write the features of many sequences as a table."""
     options, kind = request.query.options(), request.media_type
     leaves_out = request.query.on_error == "leave out"
@@ -241,7 +240,7 @@ async def features(state: State, request: Request, report: Report) -> Outcome:
         paths = await fit_each(
             *(state, request.cases, asked, report, _FITTING), leaves_out=leaves_out and is_own
         )
-        report(_FITTING, "features")
+        report(Progress(_FITTING, stage="features"))
         pairs = zip(request.cases, paths, strict=True)
         files = [case_file(case, path) for case, path in pairs if isinstance(path, Path)]
         left_out = [path for path in paths if isinstance(path, LeftOut)]

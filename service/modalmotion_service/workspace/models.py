@@ -18,7 +18,7 @@ from modalmotion.classification import (
 from modalmotion.errors import NotFoundError, TopologyError
 from modalmotion.hdf5.sealed import is_sound
 from modalmotion.mesh.facts import UNKNOWN
-from modalmotion.progress import StageReport, part_of, silent
+from modalmotion.progress import Progress, Reporter, part_of, silent
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.store import (
     KeptModel,
@@ -160,7 +160,7 @@ async def classification(
     sequence_id: str,
     model: ChosenModel,
     coverage: float,
-    report: StageReport = silent,
+    report: Reporter = silent,
 ) -> tuple[KeptClassification, bool]:
     """Classify a stored sequence, and tell whether the result is new."""
     analysis, store = state.analysis, state.store
@@ -170,7 +170,7 @@ async def classification(
 
     async def named(asked: SignatureParameters) -> tuple[bytes, str | None]:
         signature = await analysis.signature(sequence_id, asked, part_of(report, 0.0, _SIGNING))
-        report(_SIGNING, "class")
+        report(Progress(_SIGNING, stage="class"))
         topology = store.sequence_record(sequence_id).topology
         return await analysis.work(
             name_class, signature, model.source, coverage, topology, facts, key

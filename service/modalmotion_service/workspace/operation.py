@@ -18,6 +18,7 @@ from pydantic import BaseModel, PlainSerializer, PlainValidator, TypeAdapter
 
 from modalmotion.errors import LostFileError
 from modalmotion.mesh.facts import NO_FACTS
+from modalmotion.progress import Progress, Reporter
 from modalmotion.store import ResultStore
 from modalmotion_service.http.negotiation import JSON
 from modalmotion_service.schemas.from_core import JsonBody
@@ -25,7 +26,7 @@ from modalmotion_service.settings import Settings
 from modalmotion_service.work.engine import Engine
 from modalmotion_service.work.upload import FactsAsJson, Part
 from modalmotion_service.workspace.analysis import Analysis
-from modalmotion_service.workspace.job_runner import Ending, JobRunner, Report
+from modalmotion_service.workspace.job_runner import Ending, JobRunner
 from modalmotion_service.workspace.jobs import IdempotencyKeys, Job, Jobs
 from modalmotion_service.workspace.spool import Spool, SpoolFile, require_room
 
@@ -178,7 +179,7 @@ class State:
     runner: Performance
 
 
-Work = Callable[[State, Request, Report], Awaitable[Outcome]]
+Work = Callable[[State, Request, Reporter], Awaitable[Outcome]]
 OnStored = Callable[[State, Request, str], Awaitable[None]]
 
 
@@ -255,7 +256,7 @@ class Performance(JobRunner):
         super().__init__(jobs, 2 * n_workers, settings.max_unfinished_jobs, apart, retry_seconds)
         self._operations = operations
         self._left: dict[str, asyncio.Task[Outcome]] = {}
-        self._listeners: dict[str, Report] = {}
+        self._listeners: dict[str, Reporter] = {}
 
     async def perform(
         self,
@@ -313,7 +314,7 @@ class Performance(JobRunner):
             file.is_left = True
         return job
 
-    async def do(self, job: Job, report: Report) -> dict[str, Any]:
+    async def do(self, job: Job, report: Reporter) -> dict[str, Any]:
         """Do an operation as a job, or wait for the work that was left to it; gives its result."""
         what, state = self._operations[job.kind], self.state
         request = Request.from_json(job.request, what.query)
@@ -355,9 +356,9 @@ class Performance(JobRunner):
         """Raise StoreError while the spool has no room."""
         require_room(self.state.spool.folder)
 
-    def _tell(self, name: str, share: float, text: str) -> None:
+    def _tell(self, name: str, progress: Progress) -> None:
         if (listener := self._listeners.get(name)) is not None:
-            listener(share, text)
+            listener(progress)
 
 
 def require_spooled(spool: Spool, name: str) -> Path:

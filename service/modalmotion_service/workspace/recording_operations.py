@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from modalmotion.errors import NotFoundError
 from modalmotion.notes import Note
-from modalmotion.progress import part_of
+from modalmotion.progress import Progress, Reporter, part_of
 from modalmotion.store import SequenceRecord
 from modalmotion.store.index import to_text
 from modalmotion_service.errors import ConflictError
@@ -25,7 +25,6 @@ from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary
 from modalmotion_service.work.tasks import sequences, signatures, tracks
 from modalmotion_service.work.upload import Upload
 from modalmotion_service.workspace import models
-from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.jobs import Job, gone, results_of
 from modalmotion_service.workspace.operation import Outcome, Request, State, made, operation
 from modalmotion_service.workspace.spool import SpoolFile
@@ -41,7 +40,7 @@ def sent(state: State, request: Request) -> Upload:
 
 
 @operation(query=requests.SEQUENCE)
-async def upload(state: State, request: Request, report: Report) -> Outcome:
+async def upload(state: State, request: Request, report: Reporter) -> Outcome:
     """Read an upload and store its sequence.
 
     Of a known sequence, what is stated with it and not known yet is filled in.
@@ -81,14 +80,14 @@ async def sample(state: State) -> SequenceSummary:
 
 
 @operation(media.STREAM, query=requests.EncodingTarget)
-async def encoding(state: State, request: Request, report: Report) -> Outcome:
+async def encoding(state: State, request: Request, report: Reporter) -> Outcome:
     """Encode a stored sequence."""
     path = await asyncio.to_thread(state.store.sequence_path, request.sequence_id)
     return await encoded(state, path, request.query, report)
 
 
 async def encoded(
-    state: State, source: Upload | Path, target: requests.EncodingTarget, report: Report
+    state: State, source: Upload | Path, target: requests.EncodingTarget, report: Reporter
 ) -> Outcome:
     """Have a worker encode a sequence."""
     with state.analysis.output() as output:
@@ -99,7 +98,7 @@ async def encoded(
 
 
 @operation(media.JSON, media.PNG, query=requests.TRADE)
-async def tradeoff(state: State, request: Request, report: Report) -> Outcome:
+async def tradeoff(state: State, request: Request, report: Reporter) -> Outcome:
     """Measure a trade of modes for accuracy on a stored sequence."""
     analysis, query, sequence_id = state.analysis, request.query, request.sequence_id
     sequence = await asyncio.to_thread(state.store.sequence_path, sequence_id)
@@ -115,7 +114,7 @@ async def tradeoff(state: State, request: Request, report: Report) -> Outcome:
 
 
 @operation(query=requests.SIGNATURE_OF_FILE)
-async def template(state: State, request: Request, report: Report) -> Outcome:
+async def template(state: State, request: Request, report: Reporter) -> Outcome:
     """Make and store the template of an upload."""
     parameters = request.query.parameters()
     with state.analysis.image() as image:
@@ -129,7 +128,7 @@ async def template(state: State, request: Request, report: Report) -> Outcome:
 
 
 @operation(media.JSON, media.PNG)
-async def template_view(state: State, request: Request, _: Report) -> Outcome:
+async def template_view(state: State, request: Request, _: Reporter) -> Outcome:
     """Describe or draw a stored template."""
     path = await asyncio.to_thread(state.store.template_path, request.reference)
     kind = request.media_type
@@ -137,7 +136,7 @@ async def template_view(state: State, request: Request, _: Report) -> Outcome:
 
 
 @operation(media.JSON, media.NPZ, media.HDF5, media.PNG, query=ModesRequest)
-async def template_modes(state: State, request: Request, _: Report) -> Outcome:
+async def template_modes(state: State, request: Request, _: Reporter) -> Outcome:
     """Give the vibration modes of a stored template."""
     path = await asyncio.to_thread(state.store.template_path, request.reference)
     body = await state.analysis.work(
@@ -151,7 +150,7 @@ _TRACKING: Final = 0.8
 
 
 @operation()
-async def images(state: State, request: Request, report: Report) -> Outcome:
+async def images(state: State, request: Request, report: Reporter) -> Outcome:
     """Read images and store them."""
     upload = Upload.at(state.spool.at(request.file), state.settings.image_limits)
     with state.analysis.image() as file:
@@ -162,7 +161,7 @@ async def images(state: State, request: Request, report: Report) -> Outcome:
 
 
 @operation(media.VIEW, query=ImagesView)
-async def slices(state: State, request: Request, _: Report) -> Outcome:
+async def slices(state: State, request: Request, _: Reporter) -> Outcome:
     """Give the slices of one frame of images, and a track's surface in it."""
     images_id, query, track = request.ids[0], request.query, None
     path = await asyncio.to_thread(state.store.images_path, images_id)
@@ -215,7 +214,7 @@ async def keep_or_delete_images(state: State, request: Request, link: str) -> No
 
 
 @operation(query=requests.TRACK, on_stored=keep_or_delete_images)
-async def track(state: State, request: Request, report: Report) -> Outcome:
+async def track(state: State, request: Request, report: Reporter) -> Outcome:
     """Track a surface through an upload or stored images, and store what is found."""
     query, analysis, store = request.query, state.analysis, state.store
     parameters, facts = query.parameters(request.facts), replace(request.facts, landmarks={})
@@ -242,7 +241,7 @@ async def track(state: State, request: Request, report: Report) -> Outcome:
 
 
 @operation(media.JSON, media.HDF5, media.PNG, media.VIEW, query=TrackView)
-async def track_view(state: State, request: Request, _: Report) -> Outcome:
+async def track_view(state: State, request: Request, _: Reporter) -> Outcome:
     """Describe or draw a stored track, or give its file or its data."""
     track_id, kind, store = request.sequence_id, request.media_type, state.store
     path = await asyncio.to_thread(store.track_path, track_id)
@@ -257,11 +256,11 @@ async def track_view(state: State, request: Request, _: Report) -> Outcome:
 
 
 @operation(media.ZIP, query=requests.TRACK, is_job=True, on_stored=keep_or_delete_images)
-async def tracked_report(state: State, request: Request, report: Report) -> Outcome:
+async def tracked_report(state: State, request: Request, report: Reporter) -> Outcome:
     """Track a surface, name the class of its motion, and write each form of a report to a zip."""
     done = await track.work(state, request, part_of(report, 0.0, _TRACKING))
     track_id = (done.link or "").rpartition("/")[2]
-    report(_TRACKING, "report")
+    report(Progress(_TRACKING, stage="report"))
     path = await _whole_report(state, track_id, request.query.model)
     # The job ends with the track that its link names, and with it the file.
     headers = attachment(f"{track_id[:12]}-report.zip")

@@ -8,7 +8,7 @@ from typing import Final
 
 from modalmotion.exports.signature_pack import SurfaceFormat
 from modalmotion.modes.topology import MESH
-from modalmotion.progress import StageReport, part_of, silent
+from modalmotion.progress import Reporter, part_of, silent
 from modalmotion_service.http import negotiation as media
 from modalmotion_service.http.negotiation import attachment
 from modalmotion_service.schemas import queries
@@ -18,7 +18,6 @@ from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import signatures
 from modalmotion_service.workspace import models
 from modalmotion_service.workspace.analysis import USUAL, with_facts
-from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import (
     Outcome,
     Request,
@@ -41,7 +40,7 @@ SURFACES: Final = {
 
 
 @operation(*SIGNATURE_TYPES, query=SIGNATURE)
-async def signature(state: State, request: Request, report: Report) -> Outcome:
+async def signature(state: State, request: Request, report: Reporter) -> Outcome:
     """Fit a signature to a stored sequence and store it, and give it."""
     analysis, sequence_id = state.analysis, request.sequence_id
     parameters, _ = analysis.resolved(sequence_id, request.query.parameters())
@@ -54,7 +53,7 @@ async def signature(state: State, request: Request, report: Report) -> Outcome:
 
 
 @operation(*SIGNATURE_TYPES)
-async def signature_view(state: State, request: Request, report: Report) -> Outcome:
+async def signature_view(state: State, request: Request, report: Reporter) -> Outcome:
     """Give a stored signature, or the usual one of a sequence."""
     body = await shown(state, request.sequence_id, request.key, request.media_type, report)
     headers = attachment(f"{request.sequence_id[:12]}-signature.h5")
@@ -68,7 +67,7 @@ async def shown(
     sequence_id: str,
     key: str | None,
     media_type: str,
-    report: StageReport = silent,
+    report: Reporter = silent,
 ) -> bytes:
     """Give a signature as a media type."""
     analysis = state.analysis
@@ -84,25 +83,25 @@ async def shown(
 
 
 @operation(media.JSON, media.PNG, media.CSV)
-async def readouts(state: State, request: Request, report: Report) -> Outcome:
+async def readouts(state: State, request: Request, report: Reporter) -> Outcome:
     """Read volumes, rates and strain from a signature."""
     return await _read_out(state, request, report, request.media_type)
 
 
 @operation(media.JSON)
-async def strain(state: State, request: Request, report: Report) -> Outcome:
+async def strain(state: State, request: Request, report: Reporter) -> Outcome:
     """Read the strain of the wall from a signature."""
     return await _read_out(state, request, report, signatures.STRAIN)
 
 
-async def _read_out(state: State, request: Request, report: Report, how: str) -> Outcome:
+async def _read_out(state: State, request: Request, report: Reporter, how: str) -> Outcome:
     async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
         body = await state.analysis.work(signatures.read_out, one, how)
     return Outcome(body, request.media_type)
 
 
 @operation(*SURFACES, query=queries.Reconstruction)
-async def reconstruction(state: State, request: Request, report: Report) -> Outcome:
+async def reconstruction(state: State, request: Request, report: Reporter) -> Outcome:
     """Superpose a signature's surfaces."""
     surface_format, suffix = SURFACES[request.media_type]
     times, phases = request.query.instants()
@@ -116,7 +115,7 @@ async def reconstruction(state: State, request: Request, report: Report) -> Outc
 
 
 @operation(media.FHIR, media.PDF, media.CSV, query=queries.ReportRequest)
-async def report(state: State, request: Request, tell: Report) -> Outcome:
+async def report(state: State, request: Request, tell: Reporter) -> Outcome:
     """Report on a signature, for systems, people or statistics."""
     known = await asyncio.to_thread(
         models.known_classification, state, request.sequence_id, request.query.model
@@ -131,7 +130,7 @@ async def report(state: State, request: Request, tell: Report) -> Outcome:
 
 
 @operation(media.VIEW, media.HTML, query=queries.ViewRequest)
-async def view(state: State, request: Request, report: Report) -> Outcome:
+async def view(state: State, request: Request, report: Reporter) -> Outcome:
     """Write what a page shows of a signature, or its frames as they were sent."""
     query, as_page = request.query, request.media_type == media.HTML
     async with state.analysis.fitted(request.sequence_id, request.key, report) as one:
@@ -146,7 +145,7 @@ async def view(state: State, request: Request, report: Report) -> Outcome:
 
 
 @operation(query=queries.DistanceRequest)
-async def distance(state: State, request: Request, report: Report) -> Outcome:
+async def distance(state: State, request: Request, report: Reporter) -> Outcome:
     """Compare two signatures."""
     other_id, _, other_key = request.query.to.partition("-")
     analysis, is_usual = state.analysis, request.key is None and not other_key
@@ -174,7 +173,7 @@ def classification_answer(state: State, kept: models.KeptClassification) -> Clas
 
 
 @operation(query=ClassificationRequest)
-async def classification(state: State, request: Request, report: Report) -> Outcome:
+async def classification(state: State, request: Request, report: Reporter) -> Outcome:
     """Ask a model for the class of a stored sequence's motion, and store the answer."""
     query, sequence_id = request.query, request.sequence_id
     model = await asyncio.to_thread(models.choose, state, request.reference)
@@ -185,7 +184,7 @@ async def classification(state: State, request: Request, report: Report) -> Outc
 
 
 @operation(media.NPZ, media.HDF5, media.CSV, query=MANY_SIGNATURES)
-async def signatures_query(state: State, request: Request, report: Report) -> Outcome:
+async def signatures_query(state: State, request: Request, report: Reporter) -> Outcome:
     """Pack the signatures of many sequences into one file, or a table."""
     analysis, ids = state.analysis, list(request.ids)
     parameters = request.query.parameters()

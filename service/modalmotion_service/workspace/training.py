@@ -27,7 +27,7 @@ from modalmotion.errors import (
 )
 from modalmotion.mesh import Facts
 from modalmotion.modes.topology import MESH
-from modalmotion.progress import part_of
+from modalmotion.progress import Reporter, part_of
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.store import ModelRecord, ResultStore
 from modalmotion.store.disk import cannot_write
@@ -36,7 +36,6 @@ from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
 from modalmotion_service.workspace.analysis import in_one_basis
-from modalmotion_service.workspace.job_runner import Report
 from modalmotion_service.workspace.operation import Case, State
 from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
 
@@ -188,7 +187,7 @@ async def train(
     name: str,
     options: TrainingOptions,
     cases: list[Case],
-    report: Report,
+    report: Reporter,
 ) -> ModelRecord:
     """Train a model and keep it as the next version of its name.
 
@@ -200,7 +199,7 @@ async def train(
     name : str
     options : TrainingOptions
     cases : list of Case
-    report : Report
+    report : Reporter
 
     Raises
     ------
@@ -274,7 +273,7 @@ async def fit_each(
     state: State,
     cases: Sequence[Case],
     parameters: SignatureParameters,
-    report: Report,
+    report: Reporter,
     share: float,
     *,
     leaves_out: bool = False,

@@ -9,8 +9,8 @@ import pytest
 from classify_samples import cohort, curves, curves_model, small_model
 
 import modalmotion as mm
-from modalmotion.classification import DEFAULT_MODEL, classify, load_model, only_modes
-from modalmotion.classification.answer_hdf5 import (
+from modalmotion.classification import DEFAULT_MODEL, classify, load_model
+from modalmotion.classification.answer import (
     classification_from_hdf5,
     classification_key,
     classification_to_hdf5,
@@ -115,11 +115,6 @@ def test_contributions_of_modes_add_up_to_those_of_their_features() -> None:
     place = [str(label) for label in signature.modes.labels].index(strongest.modes[0])
     moving = signature.amplitudes[:, place] - signature.amplitudes[:, place].mean(axis=0)
     assert strongest.amplitude == pytest.approx(np.sqrt((moving**2).sum() / len(moving)))
-    still = only_modes(signature, strongest.modes)
-    others = [k for k in range(len(signature.modes)) if k != place]
-    assert np.ptp(still.amplitudes[:, others], axis=0).max() == pytest.approx(0.0)
-    with pytest.raises(ParameterError, match="no mode"):
-        only_modes(signature, ["(9, 9)"])
 
 
 @pytest.mark.parametrize("reads", ["modes", "parts about the axis"])

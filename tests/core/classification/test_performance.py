@@ -11,17 +11,18 @@ from scipy.special import softmax
 from scipy.stats import binomtest
 from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score, roc_curve
 
-from modalmotion.classification.intervals import (
+from modalmotion.classification.performance import (
+    Answers,
     auc,
     auc_interval,
     calibration_curve,
     calibration_error,
     design_effect,
     loss_interval,
+    performance,
     share_interval,
 )
-from modalmotion.classification.intervals import roc_curve as our_roc_curve
-from modalmotion.classification.performance import Answers, performance
+from modalmotion.classification.performance import roc_curve as our_roc_curve
 
 CLASSES = ("a", "b", "c")
 

@@ -17,6 +17,7 @@ from modalmotion.classification import (
     train,
 )
 from modalmotion.errors import ParameterError
+from modalmotion.progress import Progress
 from modalmotion.signature.making import SignatureParameters, modal_signature
 
 
@@ -104,8 +105,9 @@ def test_a_stated_number_of_modes_is_that_of_the_signatures() -> None:
 
 
 def test_progress_goes_from_nothing_to_all() -> None:
-    shares: list[float] = []
-    train(curves(5), "told", QUICK_CARD, progress=lambda done, total: shares.append(done / total))
+    seen: list[Progress] = []
+    train(curves(5), "told", QUICK_CARD, progress=seen.append)
+    shares = [progress.share for progress in seen]
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 

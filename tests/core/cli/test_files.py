@@ -22,6 +22,7 @@ from modalmotion.cli.files import Waiting, stated_facts
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats import write_npz
 from modalmotion.mesh import facts_from_json
+from modalmotion.progress import Progress
 from modalmotion.signature.hdf5 import signature_from_hdf5
 from modalmotion.simulate import simulate_ventricle
 
@@ -76,7 +77,7 @@ def test_on_a_terminal_the_seconds_go_by(
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with Waiting(Path(__file__)) as long, long.watch.stage("fit") as report:
         time.sleep(0.05)
-        report(0.4)
+        report(Progress(0.4))
         time.sleep(0.05)
     said = capsys.readouterr().err
     assert said.count("\rfit 0 s") > 2

@@ -27,6 +27,7 @@ from modalmotion.client.bodies import body_of
 from modalmotion.client.connection import retry_after
 from modalmotion.client.errors import error_of_answer, remote_error
 from modalmotion.formats import read_npz, write_npz
+from modalmotion.progress import Progress
 from modalmotion.representation import LONGEST_LINE
 from modalmotion.signature.distance import compare
 
@@ -110,14 +111,10 @@ def test_progress_runs_to_the_end_and_the_pieces_are_small(
     sequence = mm.simulate_ventricle(rng=np.random.default_rng(7))
     file = write_npz(sequence)
     for source, n_bytes in ((file, len(file)), (sequence, sequence.vertices.nbytes)):
-        steps: list[tuple[int, int]] = []
-
-        def note(done: int, total: int, steps: list[tuple[int, int]] = steps) -> None:
-            steps.append((done, total))
-
-        remote.upload(source, progress=note)
-        assert steps == sorted(steps)
-        assert steps[-1][0] == steps[-1][1] >= n_bytes
+        steps: list[Progress] = []
+        remote.upload(source, progress=steps.append)
+        assert [step.done for step in steps] == sorted(step.done for step in steps)
+        assert steps[-1].done == steps[-1].total >= n_bytes
         body = body_of(source)
         pieces = [len(piece) for piece in body.sent(None)]
         assert max(pieces) < 300_000 < sum(pieces)
@@ -206,11 +203,11 @@ def test_many_signatures_come_in_order_however_many_the_service_gives_at_once(
 ) -> None:
     sequences = [small(seed) for seed in range(5)]
     ids = [remote.upload(one, label=f"class {k}").id for k, one in enumerate(sequences)]
-    steps: list[tuple[int, int]] = []
-    found = remote.signatures(ids, modes=4, progress=lambda *step: steps.append(step))
+    steps: list[Progress] = []
+    found = remote.signatures(ids, modes=4, progress=steps.append)
     assert [one.id for one in found] == ids
     assert [one.label for one in found] == [f"class {k}" for k in range(5)]
-    assert steps == [(2, 5), (4, 5), (5, 5)]
+    assert steps == [Progress(k, 5) for k in (2, 4, 5)]
     for one, original in zip(found, sequences, strict=True):
         own = mm.modal_signature(original, mm.SignatureParameters(modes=4))
         assert np.array_equal(one.amplitudes, own.amplitudes)
@@ -266,11 +263,11 @@ def test_sequences_are_listed_page_by_page_named_and_deleted(remote: Client) -> 
 def test_jobs_are_waited_for(remote: Client, sequence: mm.MeshSequence) -> None:
     upload = remote.start_upload(sequence, label="job")
     assert upload.wait().id == sequence.id
-    steps: list[tuple[int, int]] = []
+    steps: list[Progress] = []
     job = remote.start_signature(sequence.id, modes=11)
-    signature = job.wait(progress=lambda *step: steps.append(step))
+    signature = job.wait(progress=steps.append)
     assert len(signature.modes) == 11
-    assert steps[-1] == (100, 100)
+    assert steps[-1].share == 1
     assert job.status.state == "succeeded"
     assert job.id in [status.id for status in remote.jobs(state="succeeded")]
     again = remote.job(job.id, "application/json").wait()

@@ -17,6 +17,7 @@ from modalmotion.client import Client, RemoteError
 from modalmotion.clinical import clinical_readouts
 from modalmotion.formats import read_npz
 from modalmotion.notes import notes_as_json
+from modalmotion.progress import Progress
 
 PNG = b"\x89PNG"
 
@@ -61,10 +62,11 @@ def test_the_features_of_sequences_are_the_librarys_own(remote: Client, tmp_path
 def test_a_model_is_trained_asked_saved_and_deleted(remote: Client, tmp_path: Path) -> None:
     sent = list(cohort(4, 1))
     ids = [remote.upload(one.body, label=one.label, subject=one.subject).id for one in sent]
-    shares: list[int] = []
+    seen: list[Progress] = []
     quick: dict[str, Any] = {"modes": 7, "repetitions": 1}
-    first = remote.train("walls", ids, progress=lambda done, _: shares.append(done), **quick)
+    first = remote.train("walls", ids, progress=seen.append, **quick)
     assert (first.name, first.version, first.origin) == ("walls", 1, "trained")
+    shares = [progress.share for progress in seen]
     assert shares == sorted(shares)
     renamed = [{"id": one, "label": f"{sent[k].label}!"} for k, one in enumerate(ids)]
     second = remote.start_training("walls", renamed, **quick).wait()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from viewed_surfaces import viewed
 
 from modalmotion.clinical import ClinicalReadouts, clinical_readouts
-from modalmotion.clinical.rates import rates_of
+from modalmotion.clinical.readouts import rates_of
 from modalmotion.errors import ParameterError
 
 Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]

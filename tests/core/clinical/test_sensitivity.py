@@ -10,9 +10,9 @@ import scipy
 
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.dyssynchrony import dyssynchrony, phases_of, sectors_of, segment_volumes
-from modalmotion.clinical.sensitivity import sensitivities
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.clinical.strain import wall_strain
+from modalmotion.clinical.ventricle import sensitivities
 from modalmotion.clinical.wall_motion import WallMotion
 from modalmotion.mesh import cavity_of
 from modalmotion.signature.making import SignatureParameters, modal_signature

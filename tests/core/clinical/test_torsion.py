@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from modalmotion.clinical.torsion import Torsion, torsion
+from modalmotion.clinical.strain import Torsion, torsion
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface

@@ -31,6 +31,7 @@ from modalmotion.codec.search import least
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes.topology import CUP, CYLINDER, Topology
+from modalmotion.progress import Progress
 
 
 @pytest.mark.every(4)
@@ -152,19 +153,21 @@ def test_an_unknown_effort_is_refused(rng: np.random.Generator) -> None:
 
 
 def test_progress_runs_from_nothing_to_all(rng: np.random.Generator) -> None:
-    seen: list[int] = []
-    encode(lattice_sequence(rng), n_bytes=900, effort="fast", progress=lambda n, _: seen.append(n))
-    assert seen[0] == 0
-    assert seen[-1] == 100
-    assert seen == sorted(seen)
+    seen: list[Progress] = []
+    encode(lattice_sequence(rng), n_bytes=900, effort="fast", progress=seen.append)
+    shares = [progress.share for progress in seen]
+    assert shares[0] == 0
+    assert shares[-1] == 1
+    assert shares == sorted(shares)
 
 
 def test_progress_is_told_inside_a_block(rng: np.random.Generator) -> None:
-    seen: list[int] = []
-    encoded = encode(mesh_of_tube(rng), rms=0.1, progress=lambda done, _: seen.append(done))
+    seen: list[Progress] = []
+    encoded = encode(mesh_of_tube(rng), rms=0.1, progress=seen.append)
+    shares = [progress.share for progress in seen]
     assert len(inspect(encoded.data).block_frames) == 1
-    assert len([share for share in seen if 0 < share < 100]) >= 4
-    assert seen == sorted(seen)
+    assert len([share for share in shares if 0 < share < 1]) >= 4
+    assert shares == sorted(shares)
 
 
 def test_long_sequences_are_read_in_part_and_block_by_block(rng: np.random.Generator) -> None:

@@ -17,6 +17,7 @@ from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
 from modalmotion.exports.signature_pack import export, write_pack
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
+from modalmotion.progress import Progress
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store import ResultStore
 
@@ -28,7 +29,7 @@ def root(tmp_path: Path) -> Path:
 
 def test_the_export_holds_every_trajectory_under_its_parameters(root: Path, tmp_path: Path) -> None:
     out = tmp_path / "all.h5"
-    seen: list[tuple[int, int]] = []
+    seen: list[Progress] = []
     timed = mesh_sequence(
         sample_sequence(9, n_frames=3).vertices,
         grid=(5, 6),
@@ -39,10 +40,10 @@ def test_the_export_holds_every_trajectory_under_its_parameters(root: Path, tmp_
     with ResultStore(root) as store:
         store.put_sequence(timed, subject="Zoë")
         store.put_signature(modal_signature(timed))
-    report = export(root, out, progress=lambda done, total: seen.append((done, total)))
+    report = export(root, out, progress=seen.append)
     n_signatures = report.n_signatures
     assert (n_signatures, report.failures) == (2 * N + 1, ())
-    assert seen[-1] == (n_signatures, n_signatures)
+    assert seen[-1] == Progress(n_signatures, n_signatures)
     found = set()
     with ResultStore(root) as store, h5py.File(out, "r") as file:
         assert file.attrs["schema"] == "modalmotion.export"

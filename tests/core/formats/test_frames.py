@@ -42,6 +42,7 @@ from modalmotion.formats.frame import merge_corners
 from modalmotion.formats.frame_files import natural_key, read_series, write_series
 from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.progress import Progress
 
 
 @pytest.mark.parametrize("name", MESH_WRITERS)
@@ -326,10 +327,10 @@ def test_a_folder_or_a_pattern_is_a_sequence(tmp_path: Path) -> None:
     for i in range(N_FRAMES):
         (tmp_path / f"scan{i * 6}.obj").write_bytes(obj(VERTICES[i]))
         (tmp_path / f"other{i}.off").write_bytes(off(VERTICES[-1 - i]))
-    seen: list[tuple[int, int]] = []
-    read = read_sequence(tmp_path / "scan*.obj", progress=lambda i, n: seen.append((i, n)))
+    seen: list[Progress] = []
+    read = read_sequence(tmp_path / "scan*.obj", progress=seen.append)
     assert np.array_equal(read.sequence.vertices, VERTICES)
-    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert seen == [Progress(k, 3) for k in (1, 2, 3)]
     with pytest.raises(MalformedFileError, match="several kinds"):
         read_sequence(tmp_path)
     for path in tmp_path.glob("other*"):

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from modalmotion.mesh import cotangent_laplacian, laplacian, solve_positive_definite
 from modalmotion.mesh.laplacian import solve_by_multigrid
+from modalmotion.progress import Progress
 
 Floats = np.ndarray
 
@@ -88,8 +89,9 @@ def test_what_is_not_positive_is_refused() -> None:
 
 def test_it_tells_how_far_it_is() -> None:
     matrix, right = ventricle()
-    told: list[float] = []
-    solve_by_multigrid(matrix, right, told.append)
+    seen: list[Progress] = []
+    solve_by_multigrid(matrix, right, seen.append)
+    told = [progress.share for progress in seen]
     assert len(told) > 10
     assert told == sorted(told)
     assert 0 < told[0] < 0.5

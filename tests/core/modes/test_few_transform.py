@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ShapeError, TopologyError
 from modalmotion.modes import ModeSet, lowest_modes
-from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.lattice import Lattice, project, superpose
 from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
-from modalmotion.modes.transform import project, superpose
 
 SURFACES = (PLANE, CYLINDER, TORUS, CUP, SPHERE)
 

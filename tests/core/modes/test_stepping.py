@@ -22,9 +22,8 @@ from modalmotion.modes import (
     free_response,
     phase_error,
 )
-from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.lattice import Lattice, project
 from modalmotion.modes.topology import CUP, CYLINDER
-from modalmotion.modes.transform import project
 
 _spec = importlib.util.spec_from_file_location(
     "extremes_oscillator_rows", ROOT / "tests" / "extremes" / "extremes_oscillator_rows.py"

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.modes import ModeLabel
-from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.lattice import Lattice, project, superpose
 from modalmotion.modes.topology import CLOSED_CURVE, CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
-from modalmotion.modes.transform import project, superpose
 
 SURFACES = (PLANE, CYLINDER, TORUS, CUP, SPHERE)
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.modes.trigonometry import circle_cosines, cos_pi, exact_products, sin_pi
+from modalmotion.modes.lattice import circle_cosines, cos_pi, exact_products, sin_pi
 
 EPS = float(np.finfo(np.float64).eps)
 

@@ -18,9 +18,8 @@ from modalmotion.modes import (
     phase_velocity,
     wave_vectors,
 )
-from modalmotion.modes.lattice import Lattice
+from modalmotion.modes.lattice import Lattice, project
 from modalmotion.modes.topology import CLOSED, CLOSED_CURVE, CUP, CYLINDER, OPEN_CURVE, PLANE, TORUS
-from modalmotion.modes.transform import project
 
 Array = NDArray[np.float64]
 TOPOLOGIES = [OPEN_CURVE, CLOSED_CURVE, PLANE, CYLINDER, TORUS]

@@ -10,6 +10,7 @@ from norm_controls import beat
 from modalmotion.classification import TrainingCase
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.norm import Norm, train_norm
+from modalmotion.progress import Progress
 from modalmotion.simulate import MotionClass
 
 BEATS = [beat(seed) for seed in range(9)]
@@ -60,6 +61,6 @@ def test_points_that_slide_are_read_by_normal_displacements() -> None:
 
 
 def test_progress_is_told() -> None:
-    told: list[tuple[int, int]] = []
-    train_norm(BEATS, "told", progress=lambda done, total: told.append((done, total)))
-    assert told == [(k + 1, 9) for k in range(9)]
+    told: list[Progress] = []
+    train_norm(BEATS, "told", progress=told.append)
+    assert told == [Progress(k + 1, 9) for k in range(9)]

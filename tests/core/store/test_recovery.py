@@ -22,6 +22,7 @@ from store_samples import KEY, assert_same, sample_sequence, sample_signature, t
 from modalmotion.cli.store_commands import store as commands
 from modalmotion.errors import CorruptFileError, NotFoundError
 from modalmotion.exports.signature_pack import export
+from modalmotion.progress import Progress
 from modalmotion.store import ResultStore, rebuild, template_to_hdf5, verify
 from modalmotion.store.folder import FORM, Folder, ResultName, read_record, record_values
 from modalmotion.template import make_template
@@ -46,14 +47,14 @@ def index_of(root: Path) -> dict[str, list[tuple[object, ...]]]:
 
 def test_a_rebuilt_index_is_the_old_one(root: Path) -> None:
     before, files = index_of(root), tree(root)
-    seen: list[tuple[int, int]] = []
-    found = rebuild(root, progress=lambda done, total: seen.append((done, total)))
+    seen: list[Progress] = []
+    found = rebuild(root, progress=seen.append)
     assert (found.n_sequences, found.n_results) == (N, 3 * N)
     assert (found.restored, found.damaged, found.orphans) == ((), (), ())
     assert not found.service_tables_lost
     assert index_of(root) == before
     assert tree(root) == files
-    assert seen == [(i + 1, 5 * N + 1) for i in range(5 * N + 1)]
+    assert seen == [Progress(i + 1, 5 * N + 1) for i in range(5 * N + 1)]
 
 
 def test_files_of_another_version_are_left_alone_and_not_listed(root: Path) -> None:

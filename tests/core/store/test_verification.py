@@ -15,6 +15,7 @@ from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.exports.signature_pack import export
 from modalmotion.hdf5.sealed import SEAL_LENGTH, seal
 from modalmotion.notes import Note
+from modalmotion.progress import Progress
 from modalmotion.store import ResultStore, rebuild, sequence_to_hdf5, template_to_hdf5, verify
 from modalmotion.store.folder import Folder, ResultName
 from modalmotion.template import make_template
@@ -150,11 +151,11 @@ def test_verify_finds_the_fault_and_changes_nothing(
 
 
 def test_verify_counts_what_it_read(root: Path) -> None:
-    seen: list[tuple[int, int]] = []
-    report = verify(root, progress=lambda done, total: seen.append((done, total)))
+    seen: list[Progress] = []
+    report = verify(root, progress=seen.append)
     assert (report.n_sequences, report.n_results) == (N, 3 * N)
     assert report.n_bytes == sum(map(len, tree(root).values()))
-    assert seen[-1] == (5 * N + 1, 5 * N + 1)
+    assert seen[-1] == Progress(5 * N + 1, 5 * N + 1)
 
 
 @pytest.mark.parametrize("look", [rebuild, verify, lambda root: export(root, root / "out.h5")])

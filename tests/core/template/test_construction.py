@@ -12,6 +12,7 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import connectivity_of, laplacian
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
+from modalmotion.progress import Progress
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.template import GivenLandmarks, make_template
@@ -229,8 +230,9 @@ def test_points_of_a_curve_keep_their_order(topology: str) -> None:
 @pytest.mark.parametrize("topology", ["cup", "cylinder", "plane", "sphere", "torus"])
 @pytest.mark.parametrize("reference", [0, "mean"])
 def test_making_a_template_tells_how_far_it_is(topology: str, reference: Any) -> None:
-    told: list[float] = []
-    make_template(mesh_sequence(*surface(topology)), reference=reference, report=told.append)
+    seen: list[Progress] = []
+    make_template(mesh_sequence(*surface(topology)), reference=reference, report=seen.append)
+    told = [progress.share for progress in seen]
     assert len(told) > 2
     assert told == sorted(told)
     assert 0 < told[0] < told[-1] <= 1
@@ -239,8 +241,9 @@ def test_making_a_template_tells_how_far_it_is(topology: str, reference: Any) ->
 def test_the_solution_is_part_of_what_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Multigrid, which tells each of its steps, from a few hundred unknowns on."""
     monkeypatch.setattr(laplacian, "LARGE", 1000)
-    told: list[float] = []
-    make_template(mesh_sequence(*surface(n=2500)), report=told.append)
+    seen: list[Progress] = []
+    make_template(mesh_sequence(*surface(n=2500)), report=seen.append)
+    told = [progress.share for progress in seen]
     assert told == sorted(told)
     assert max(np.diff(told[:-1])) < 0.2
     assert len(told) > 10

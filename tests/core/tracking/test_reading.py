@@ -16,6 +16,7 @@ from modalmotion.errors import InputError, MalformedFileError, ParameterError
 from modalmotion.formats import read_npz
 from modalmotion.formats.frame_files import write_ply_zip
 from modalmotion.formats.ply import write_ply
+from modalmotion.progress import Progress
 from modalmotion.tracking.reading import read_observed
 
 BALL = breathing_spheroid(3)
@@ -28,11 +29,11 @@ def test_meshes_of_other_connectivity_come_in_natural_order(tmp_path: Path) -> N
         faces = BALL.faces[k:]
         (tmp_path / f"scan_{number}.ply").write_bytes(write_ply(X[k], faces, {}))
     (tmp_path / "notes.md").write_text("none")
-    seen: list[tuple[int, int]] = []
-    found = read_observed(tmp_path, progress=lambda *step: seen.append(step))
+    seen: list[Progress] = []
+    found = read_observed(tmp_path, progress=seen.append)
     assert [frame[0].points[5] for frame in found.frames] == [pytest.approx(x[5]) for x in X]
     assert found.frames[0][0].weights is not None
-    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert seen == [Progress(k, 3) for k in (1, 2, 3)]
 
 
 def test_clouds_are_text_or_ply_without_triangles(tmp_path: Path) -> None:

@@ -464,7 +464,7 @@ def test_the_table_of_the_page_has_a_row_for_each_frame(
     assert written == kept
 
 
-@pytest.mark.parametrize("n_widgets", [10, pytest.param(20, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("n_widgets", [4, pytest.param(20, marks=pytest.mark.soak)])
 def test_widgets_on_a_page_all_show_their_surface(
     chromium: Browser, tmp_path: Path, n_widgets: int
 ) -> None:

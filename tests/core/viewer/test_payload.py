@@ -14,8 +14,8 @@ from viewed_surfaces import VIEWED, viewed
 
 from modalmotion.classification import classify
 from modalmotion.clinical import clinical_readouts
-from modalmotion.clinical.sensitivity import sensitivities
 from modalmotion.clinical.strain import strain
+from modalmotion.clinical.ventricle import sensitivities
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.mesh import Facts, lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence

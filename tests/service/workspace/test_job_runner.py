@@ -15,8 +15,9 @@ from job_requests import ASYNC, finished
 
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.progress import Progress, Reporter
 from modalmotion.simulate import Acquisition, simulate_ventricle
-from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.job_runner import JobRunner
 from modalmotion_service.workspace.jobs import Job
 
 
@@ -166,15 +167,15 @@ def test_a_finished_job_says_nothing_of_what_it_did_last(client: TestClient, bea
 def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: dict[str, list[tuple[float, str]]] = {}
+    told: dict[str, list[Progress]] = {}
     reporter = JobRunner._reporter
 
-    def recorded(self: JobRunner, job: Job) -> Report:
+    def recorded(self: JobRunner, job: Job) -> Reporter:
         report = reporter(self, job)
 
-        def tell(share: float, text: str = "") -> None:
-            told.setdefault(job.id, []).append((share, text))
-            report(share, text)
+        def tell(progress: Progress) -> None:
+            told.setdefault(job.id, []).append(progress)
+            report(progress)
 
         return tell
 
@@ -207,7 +208,7 @@ def test_the_progress_of_every_kind_of_job_moves_and_never_falls(
     jobs.append(finished(client, answer.json()))
     for job in jobs:
         assert (job["state"], job["progress"]) == ("succeeded", 1.0), job
-        shares = [share for share, _ in told[job["id"]]]
+        shares = [progress.share for progress in told[job["id"]]]
         # A small surface is encoded before anybody looks.
         is_told = any(0 < share < 1 for share in shares)
         assert is_told or job["kind"] == "encoding", (job["kind"], shares)

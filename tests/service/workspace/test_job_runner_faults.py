@@ -14,11 +14,12 @@ from typing import Any
 import pytest
 
 from modalmotion.errors import CorruptFileError, MalformedFileError, NotFoundError, StoreError
+from modalmotion.progress import Progress, Reporter
 from modalmotion.store import ResultStore
 from modalmotion_service.errors import ClusterError, WorkerDiedError
 from modalmotion_service.schemas.general import JobState
 from modalmotion_service.workspace import job_runner
-from modalmotion_service.workspace.job_runner import Ending, JobRunner, Report
+from modalmotion_service.workspace.job_runner import Ending, JobRunner
 from modalmotion_service.workspace.jobs import Job, Jobs
 
 PASSING = (
@@ -84,7 +85,7 @@ class Runner(JobRunner):
     def __init__(
         self,
         jobs: Jobs,
-        handler: Callable[[Any, Report], Any],
+        handler: Callable[[Any, Reporter], Any],
         settle: Callable[[Any, Any], Any] | None = None,
         require_store: Callable[[], None] = lambda: None,
         retry_seconds: float = math.inf,
@@ -92,7 +93,7 @@ class Runner(JobRunner):
         super().__init__(jobs, 1, 100, {}, retry_seconds)
         self.handler, self.settle, self.required = handler, settle, require_store
 
-    async def do(self, job: Job, report: Report) -> Any:
+    async def do(self, job: Job, report: Reporter) -> Any:
         return await self.handler(job.request, report)
 
     def ending(self, job: Job) -> Ending | None:
@@ -105,7 +106,7 @@ class Runner(JobRunner):
         self.required()
 
 
-async def done(_request: Any, _report: Report) -> Any:
+async def done(_request: Any, _report: Reporter) -> Any:
     return {"link": "there"}
 
 
@@ -119,11 +120,11 @@ def test_a_state_that_cannot_be_noted_is_noted_later(
     monkeypatch.setattr(jobs, "update", failing)
     n_tries = 0
 
-    async def handler(_request: Any, report: Report) -> Any:
+    async def handler(_request: Any, report: Reporter) -> Any:
         nonlocal n_tries
         n_tries += 1
         failing.n_left = n_times
-        report(0.5, "half")
+        report(Progress(0.5, stage="half"))
         return {"link": "there"}
 
     job = asyncio.run(ended(Runner(jobs, handler), jobs, tmp_path / "file"))
@@ -140,9 +141,9 @@ def test_a_fault_that_passes_leads_to_another_try(
     tries = Failing(lambda: {"link": "there"}, error, 3)
     texts = []
 
-    async def handler(_request: Any, report: Report) -> Any:
+    async def handler(_request: Any, report: Reporter) -> Any:
         texts.append(runner.text(jobs.list()[0][0]))
-        report(0.9 - 0.1 * tries.n_left, "")
+        report(Progress(0.9 - 0.1 * tries.n_left))
         return tries()
 
     runner = Runner(jobs, handler)
@@ -157,7 +158,7 @@ def test_a_fault_that_passes_leads_to_another_try(
 def test_any_other_fault_fails_it_by_name(jobs: Jobs, tmp_path: Path, error: Exception) -> None:
     tries = Failing(dict, error, 100)
 
-    async def handler(_request: Any, _report: Report) -> Any:
+    async def handler(_request: Any, _report: Reporter) -> Any:
         return tries()
 
     job = asyncio.run(ended(Runner(jobs, handler), jobs, tmp_path / "file"))
@@ -174,7 +175,7 @@ def test_what_is_missing_while_the_store_is_away_is_no_fault_of_the_job(
     away = Failing(lambda: None, StoreError("away"), 7)
     n_tries = 0
 
-    async def handler(_request: Any, _report: Report) -> Any:
+    async def handler(_request: Any, _report: Reporter) -> Any:
         nonlocal n_tries
         n_tries += 1
         if n_tries == 1:
@@ -190,7 +191,7 @@ def test_what_is_missing_while_the_store_is_away_is_no_fault_of_the_job(
 
 
 def test_what_does_not_pass_for_long_fails_by_name(jobs: Jobs, tmp_path: Path) -> None:
-    async def handler(_request: Any, _report: Report) -> Any:
+    async def handler(_request: Any, _report: Reporter) -> Any:
         raise OSError(errno.ENOSPC, "No space left on device", "/secret/file")
 
     runner = Runner(jobs, handler, retry_seconds=0.05)
@@ -202,7 +203,7 @@ def test_what_does_not_pass_for_long_fails_by_name(jobs: Jobs, tmp_path: Path) -
 def test_a_job_that_waits_for_another_try_keeps_no_other_one_waiting(
     jobs: Jobs, tmp_path: Path
 ) -> None:
-    async def handler(request: Any, _report: Report) -> Any:
+    async def handler(request: Any, _report: Reporter) -> Any:
         if request["file"].endswith("large"):
             raise StoreError("The disk is full.")
         return {}
@@ -288,7 +289,7 @@ def test_what_goes_in_the_end_goes_once_the_result_is_noted(jobs: Jobs, tmp_path
     steps: list[str] = []
     way = {"is open": False}
 
-    async def handler(_request: Any, _report: Report) -> Any:
+    async def handler(_request: Any, _report: Reporter) -> Any:
         steps.append("worked")
         return {"link": "there"}
 
@@ -329,7 +330,7 @@ def test_a_fault_at_the_end_leads_to_another_try_of_the_end(
 ) -> None:
     steps: list[str] = []
 
-    async def handler(_request: Any, _report: Report) -> Any:
+    async def handler(_request: Any, _report: Reporter) -> Any:
         steps.append("worked")
         return {"link": "there"}
 

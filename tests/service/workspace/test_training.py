@@ -21,6 +21,7 @@ from training_cohort import QUICK, cohort, finished, send
 from modalmotion.classification import CaseFile
 from modalmotion.errors import NotFoundError
 from modalmotion.formats import read_npz
+from modalmotion.progress import Progress, Reporter
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import ResultStore, model_from_hdf5, signature_to_hdf5
 from modalmotion.store.database import Database
@@ -28,7 +29,7 @@ from modalmotion_service.app import create_app
 from modalmotion_service.schemas.general import JobState
 from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.settings import Settings
-from modalmotion_service.workspace.job_runner import JobRunner, Report
+from modalmotion_service.workspace.job_runner import JobRunner
 from modalmotion_service.workspace.jobs import Job, Jobs
 from modalmotion_service.workspace.training import find_cases
 
@@ -129,18 +130,18 @@ def test_a_long_kind_of_job_keeps_the_others_from_waiting(tmp_path: Path) -> Non
     async def check(store: ResultStore) -> None:
         release = asyncio.Event()
 
-        async def long(request: Any, _: Report) -> None:
+        async def long(request: Any, _: Reporter) -> None:
             order.append(f"long {request}")
             await release.wait()
 
-        async def short(request: Any, report: Report) -> None:
-            report(0.5, "half of it")
+        async def short(request: Any, report: Reporter) -> None:
+            report(Progress(0.5, stage="half of it"))
             order.append(f"short {request}")
 
         kinds = {"long": long, "short": short}
 
         class Runner(JobRunner):
-            async def do(self, job: Job, report: Report) -> Any:
+            async def do(self, job: Job, report: Reporter) -> Any:
                 await kinds[job.kind](job.request, report)
 
         table = Jobs(store.database)

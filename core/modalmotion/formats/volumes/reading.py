@@ -26,7 +26,7 @@ from modalmotion.images.sequence import Image
 from modalmotion.images.volume import slices_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.notes import Note, notes_from_json
-from modalmotion.progress import Progress
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import counted
 
 _malformed: Final = partial(
@@ -90,7 +90,7 @@ def read_images(
     *,
     limits: ReadLimits | None = None,
     parser: Parser | None = None,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> ImageSequence:
     """Read volumes over time, or sets of planes, in LPS mm.
 
@@ -119,7 +119,7 @@ def read_images(
     return _read(source, parser, progress)
 
 
-def _read(source: bytes | Path, parser: Parser, progress: Progress | None) -> ImageSequence:
+def _read(source: bytes | Path, parser: Parser, progress: Reporter | None) -> ImageSequence:
     if isinstance(source, Path) and source.is_dir():
         paths = (path for path in source.rglob("*") if path.is_file())
         files = {str(path.relative_to(source)): path.read_bytes for path in paths}
@@ -140,13 +140,13 @@ def _read(source: bytes | Path, parser: Parser, progress: Progress | None) -> Im
 
 
 def _of_files(
-    files: Mapping[str, Callable[[], bytes]], parser: Parser, progress: Progress | None
+    files: Mapping[str, Callable[[], bytes]], parser: Parser, progress: Reporter | None
 ) -> ImageSequence:
     names = sorted((name for name in files if _counts(name)), key=natural_key)
     slices: list[Slice] = []
     parts: list[ImageSequence] = []
     skipped, damaged, total = 0, 0, 0
-    for k, name in enumerate(names):
+    for name in reported(names, progress):
         data = files[name]()
         kind = kind_of_image(data)
         if kind is None:
@@ -168,8 +168,6 @@ def _of_files(
             slices += _slices(answer)
         else:
             parts.append(_sequence(answer))
-        if progress is not None:
-            progress(k + 1, len(names))
     if slices and parts:
         raise _malformed("The files are DICOM slices and other images together.")
     if not slices and not parts:

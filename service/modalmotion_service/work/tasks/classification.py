@@ -23,6 +23,7 @@ from modalmotion.classification.evaluation import CaseAnswer, comparison_of, eva
 from modalmotion.mesh.facts import Facts
 from modalmotion.norm import Norm, cohort_deviation, norm_from_hdf5, norm_to_hdf5, train_norm
 from modalmotion.norm.norm import Reading
+from modalmotion.progress import part_of
 from modalmotion.signature.making import SignatureParameters
 from modalmotion_service.http.negotiation import CSV, PNG
 from modalmotion_service.schemas import models
@@ -189,7 +190,7 @@ def make_norm(
     progress: Path,
 ) -> None:
     """Make a norm of kept controls and write its HDF5 image; see `train_norm`."""
-    report = ProgressFile(progress).of("controls")
+    report = part_of(ProgressFile(progress).write, 0.0, 1.0, "controls")
     controls = [
         TrainingCase(
             one.read_signature(),

@@ -19,7 +19,7 @@ from pydantic_core import from_json
 from modalmotion import store
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.progress import Progress, as_share
+from modalmotion.progress import Progress
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
 
@@ -130,26 +130,22 @@ class ProgressFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._text, self._written = "", -_LEAST_SECONDS
+        self._stage, self._written = "", -_LEAST_SECONDS
 
-    def write(self, share: float, text: str = "") -> None:
+    def write(self, progress: Progress) -> None:
         """Write the share that is done, 0 to 1, and what is done now."""
         now = time.monotonic()
         # A new stage is always told: it may last.
-        if text == self._text and now - self._written < _LEAST_SECONDS:
+        if progress.stage == self._stage and now - self._written < _LEAST_SECONDS:
             return
-        self._text, self._written = text, now
+        self._stage, self._written = progress.stage, now
         # No work fails because nobody can be told how far it is.
         with contextlib.suppress(OSError):
-            self._path.write_text(json.dumps([share, text]))
+            self._path.write_text(json.dumps([progress.share, progress.stage]))
 
-    def of(self, stage: str) -> Progress:
-        """Return a callback that writes how much of a stage is done."""
-        return as_share(lambda share: self.write(share, stage))
-
-    def read(self) -> tuple[float, str] | None:
+    def read(self) -> Progress | None:
         """Give what was told last; None if nothing was, or it is just being written."""
         with contextlib.suppress(OSError, ValueError, TypeError):
-            share, text = from_json(self._path.read_bytes())
-            return min(max(float(share), 0.0), 1.0), str(text)
+            share, stage = from_json(self._path.read_bytes())
+            return Progress(min(max(float(share), 0.0), 1.0), stage=str(stage))
         return None

@@ -15,7 +15,7 @@ from modalmotion.errors import LimitError
 from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
 from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
 from modalmotion.mesh.facts import Facts
-from modalmotion.progress import Stopwatch, as_share
+from modalmotion.progress import Stopwatch, part_of
 from modalmotion.signature.making import SignatureParameters, resolve_parameters, resolve_template
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template.vibration_modes import surface_modes
@@ -48,7 +48,7 @@ def ingest(
     """
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
-        reading = upload.read(as_share(report))
+        reading = upload.read(report)
     with watch.stage("image"):
         record = store.record_of(reading.sequence, created="", has_upload=True)
         write_whole(image, store.upload_image(reading.sequence))
@@ -110,7 +110,7 @@ def encode_sequence(
         max_error=target.max_error,
         n_bytes=target.bytes,
         effort=target.effort,
-        progress=ProgressFile(progress).of("encoding"),
+        progress=part_of(ProgressFile(progress).write, 0.0, 1.0, "encoding"),
     )
     write_whole(output, found.data)
     return EncodedAnswer.of(found)

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion import store
-from modalmotion.classification.answer_hdf5 import classification_from_hdf5
+from modalmotion.classification.answer import classification_from_hdf5
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.errors import InputError, LimitError, ParameterError

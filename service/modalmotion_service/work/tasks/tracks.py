@@ -14,7 +14,7 @@ from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file, write_images
 from modalmotion.mesh import Facts
 from modalmotion.notes import Note
-from modalmotion.progress import Stopwatch, as_share
+from modalmotion.progress import Stopwatch
 from modalmotion.tracking import Track, recordings
 from modalmotion.tracking.label_maps import from_labels
 from modalmotion.tracking.label_values import is_label_map
@@ -56,11 +56,11 @@ def follow(
         if isinstance(source, Path):
             recorded = recorded_images(read_images_file(source))
         else:
-            recorded = source.observed(parameters.labels, facts.coordinates, as_share(report))
+            recorded = source.observed(parameters.labels, facts.coordinates, report)
         surface = None if start is None else store.sequence_from_hdf5(start)
     with watch.stage("track") as report:
         result = recordings.track(
-            recorded, start=surface, facts=facts, progress=as_share(report), **vars(parameters)
+            recorded, start=surface, facts=facts, progress=report, **vars(parameters)
         )
     with watch.stage("image"):
         record = store.record_of(result.sequence, created="", has_upload=True)
@@ -136,7 +136,7 @@ def ingest_images(upload: Upload, file: Path, progress: Path) -> store.ImagesRec
     """Read images and write them as HDF5; `progress` is a `ProgressFile`."""
     watch = Stopwatch(_IMAGE_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
-        images = upload.images(as_share(report))
+        images = upload.images(report)
     with watch.stage("image"), whole_file(file) as temporary:
         write_images(temporary, images)
     return _with_ends(store.images_record_of(images), images)

@@ -11,6 +11,7 @@ from typing import Any
 from modalmotion.classification import CaseFile, Model, TrainingCase, TrainingOptions, train
 from modalmotion.classification.training import joblib_backend
 from modalmotion.errors import ModalMotionError, ParameterError
+from modalmotion.progress import part_of
 from modalmotion.store import kept_model, model_to_hdf5
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.work.tasks.files import ProgressFile
@@ -70,7 +71,8 @@ def train_model(
     ClusterError
         If the scheduler or its workers are lost.
     """
-    report, chosen = ProgressFile(progress).of("training"), TrainingOptions.from_json(options)
+    report = part_of(ProgressFile(progress).write, 0.0, 1.0, "training")
+    chosen = TrainingOptions.from_json(options)
 
     def work() -> Model:
         return train(cases, name, chosen, report, normal_displacements=normal_displacements)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from modalmotion.mesh.sequence import sequence_to_hdf5
+from modalmotion.progress import Progress
 from modalmotion.simulate import simulate_ventricle
 from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work.engine import Engine, Terms
@@ -53,26 +54,24 @@ def analysis_with(engine: Engine, folder: Path) -> Analysis:
 
 
 def test_shares_are_told_in_their_order_until_the_work_is_done(tmp_path: Path) -> None:
-    told: list[tuple[float, str]] = []
+    told: list[Progress] = []
     engine = NoWorker()
 
     async def main() -> object:
-        waiting = asyncio.ensure_future(
-            analysis_with(engine, tmp_path).followed(lambda *said: told.append(said), abs)
-        )
+        waiting = asyncio.ensure_future(analysis_with(engine, tmp_path).followed(told.append, abs))
         await asyncio.sleep(0)
         for share, text in ((0.25, "reading"), (0.5, "fitting"), (7.0, "beyond")):
             while not hasattr(engine, "file"):
                 await asyncio.sleep(0.001)
-            engine.file.write(share, text)
-            while (min(share, 1.0), text) not in told:
+            engine.file.write(Progress(share, stage=text))
+            while Progress(min(share, 1.0), stage=text) not in told:
                 await asyncio.sleep(0.001)
-        engine.file.write(0.75, "at the end")
+        engine.file.write(Progress(0.75, stage="at the end"))
         engine.work.set_result("done")
         return await waiting
 
     assert asyncio.run(main()) == "done"
-    assert list(dict.fromkeys(told)) == [
+    assert [(one.share, one.stage) for one in dict.fromkeys(told)] == [
         *((0.25, "reading"), (0.5, "fitting"), (1.0, "beyond")),
         (0.75, "at the end"),
     ]
@@ -117,10 +116,10 @@ def test_a_stage_is_told_at_once_and_its_shares_now_and_again(
     monkeypatch.setattr(files, "_LEAST_SECONDS", 60.0)
     file = ProgressFile(tmp_path / "progress")
     for share in (0.1, 0.2, 0.3):
-        file.write(share)
-    assert file.read() == (0.1, "")
-    file.write(0.4, "fitting")
-    assert file.read() == (0.4, "fitting")
+        file.write(Progress(share))
+    assert file.read() == Progress(0.1)
+    file.write(Progress(0.4, stage="fitting"))
+    assert file.read() == Progress(0.4, stage="fitting")
 
 
 def test_encoding_tells_how_far_it_is(tmp_path: Path) -> None:
@@ -130,13 +129,13 @@ def test_encoding_tells_how_far_it_is(tmp_path: Path) -> None:
     shares: list[float] = []
 
     class Noted(ProgressFile):
-        def write(self, share: float, text: str = "") -> None:
-            shares.append(share)
-            super().write(share, text)
+        def write(self, progress: Progress) -> None:
+            shares.append(progress.share)
+            super().write(progress)
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sequences, "ProgressFile", Noted)
         sequences.encode_sequence(kept, EncodingTarget(rms=0.5), output, progress)
     assert shares == sorted(shares)
     assert any(0.0 < share < 1.0 for share in shares)
-    assert ProgressFile(progress).read() == (1.0, "encoding")
+    assert ProgressFile(progress).read() == Progress(1.0, stage="encoding")
