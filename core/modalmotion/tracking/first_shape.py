@@ -221,7 +221,7 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     for _ in range(_SHAPE_ROUNDS):
         own = map_frame(surface, frame, a, prior.variances(surface.wavenumbers), noise)
         a = own.amplitudes
-        prior, noise = evidence(surface, [own], prior)
+        prior, noise, _ = evidence(surface, [own], prior)
     shape = surface.positions(a)
     require_unfolded(surface, shape[None])
     fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)

@@ -191,7 +191,7 @@ def search(
         change = float(np.linalg.norm(own.amplitudes - a))
         a = own.amplitudes
         if not is_known and step:
-            prior, noise = evidence(surface, [own], prior)
+            prior, noise, _ = evidence(surface, [own], prior)
             imaging = renewed(imaging, view)
         if change < _SMALL:
             break

@@ -24,7 +24,6 @@ from modalmotion.tracking.first_shape import FirstShape, shape_in
 from modalmotion.tracking.image_frames import ImageFrames, frames_of_images, with_images
 from modalmotion.tracking.landmarks import with_landmarks
 from modalmotion.tracking.map_frames import (
-    Chain,
     FramesEstimate,
     Iteration,
     amplitudes_of,
@@ -89,9 +88,9 @@ def motion_in(
     frames = _with_ends_of_data(seen, surface, shape, ended)
     here, based, levels = _frame_by_frame(seen, surface, frames)
     likely = _most_likely(seen, surface, based, here)
-    chain, found = _all_frames(seen, surface, based, likely)
+    found = _all_frames(seen, surface, based, likely)
     vertices = _surfaces(surface, found)
-    result = _with_deviations(seen, surface, shape, chain, found, vertices, likely)
+    result = _with_deviations(seen, surface, shape, found, vertices, likely)
     # The base is assumed in frames without contours; those between slices are others.
     both = {name: between.get(name, 0.0) + own for name, own in levels.items()}
     return _with_notes(seen, result, frames, {**between, **both})
@@ -233,13 +232,14 @@ class _Likely(NamedTuple):
     here: Iteration
     prior: Prior
     noise: Noise
+    truncations: Floats
 
 
 def _most_likely(
     seen: _Seen, surface: Deformable, frames: tuple[Frame, ...], here: Iteration
 ) -> _Likely:
     """6. Prior and noise under which the frames are the most likely, and the frames once more."""
-    prior, noise = evidence(surface, here, first_guess(surface)[0])
+    prior, noise, _ = evidence(surface, here, first_guess(surface)[0])
     starts = amplitudes_of(surface, here)
     here = frames_at_rest(surface, frames, prior, noise, seen.paths, seen.done, starts)
     return _Likely(here, *evidence(surface, here, prior))
@@ -247,19 +247,14 @@ def _most_likely(
 
 def _all_frames(
     seen: _Seen, surface: Deformable, frames: tuple[Frame, ...], likely: _Likely
-) -> tuple[Chain, FramesEstimate]:
+) -> FramesEstimate:
     """7. The chain of time, and all frames at once."""
+    here, prior, noise, _ = likely
+    is_exact, is_closed = seen.pinned is not None, seen.is_closed
     chain = chain_of(
-        surface,
-        likely.here,
-        likely.prior,
-        seen.phases,
-        seen.first,
-        is_closed=seen.is_closed,
-        is_exact=seen.pinned is not None,
+        surface, here, prior, seen.phases, seen.first, is_closed=is_closed, is_exact=is_exact
     )
-    found = map_frames(surface, frames, likely.here, chain, likely.noise, seen.pinned, seen.done)
-    return chain, found
+    return map_frames(surface, frames, here, chain, noise, seen.pinned, seen.done)
 
 
 def _surfaces(surface: Deformable, found: FramesEstimate) -> Floats:
@@ -274,19 +269,18 @@ def _with_deviations(
     seen: _Seen,
     surface: Deformable,
     shape: FirstShape | None,
-    chain: Chain,
     found: FramesEstimate,
     vertices: Floats,
     likely: _Likely,
 ) -> Track:
     """9. How far they may be off."""
-    p, pinned, template, noise = seen.parameters, seen.pinned, surface.template, likely.noise
-    deviations, volume_deviations = stated_deviations(
-        surface, vertices, found, noise, pinned, shape
-    )
-    truncations = np.full(len(vertices), noise.truncation)
+    p, pinned, template = seen.parameters, seen.pinned, surface.template
+    _, _, noise, truncations = likely
     if pinned is not None:
         truncations[pinned] = 0.0
+    deviations, volume_deviations = stated_deviations(
+        surface, vertices, found, truncations, noise.n_values, pinned, shape
+    )
     quality = np.array([quality_of(surface, info) for info in found.information])
     sequence = mesh_sequence(
         vertices,
@@ -306,7 +300,7 @@ def _with_deviations(
         modes=surface.modes,
         amplitudes=found.amplitudes,
         covariances=found.lasting,
-        prior=chain.prior,
+        prior=found.prior,
         noise=noise,
         truncations=truncations,
         deviations=deviations,

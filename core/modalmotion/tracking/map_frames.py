@@ -158,8 +158,11 @@ def paths_from(first: int, n: int, *, is_closed: bool) -> tuple[list[int], ...]:
 
 def evidence(
     surface: Deformable, estimates: Sequence[FrameEstimate | None], prior: Prior
-) -> tuple[Prior, Noise]:
-    """Find the prior and the noise under which frames at rest are the most likely."""
+) -> tuple[Prior, Noise, Floats]:
+    """Find the prior and the noise under which frames at rest are the most likely.
+
+    The third is the truncation of each frame; of missing ones that of all.
+    """
     n = len(surface)
     energies, determined = np.zeros(n), np.zeros(n)
     v = prior.variances(surface.wavenumbers)
@@ -181,8 +184,10 @@ def evidence(
         )
         for own in kept
     ]
-    noise = noise_of(left, n_values, surface.template.topology.n_axes)
-    return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size))
+    noise, of_frames = noise_of(left, n_values, surface.template.topology.n_axes)
+    truncations = np.full(len(estimates), noise.truncation)
+    truncations[[estimate is not None for estimate in estimates]] = of_frames
+    return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size)), truncations
 
 
 def first_guess(surface: Deformable) -> tuple[Prior, Noise]:
@@ -313,13 +318,6 @@ _PINNED: Final = 1e8
 _LEAST_OFFSET: Final = 1e-3
 
 
-class Chain(NamedTuple):
-    """Frames joined by time: their precision (frames, frames), and the prior."""
-
-    Q: Floats
-    prior: Prior
-
-
 def chain_of(
     surface: Deformable,
     here: Iteration,
@@ -329,36 +327,33 @@ def chain_of(
     *,
     is_closed: bool,
     is_exact: bool,
-) -> Chain:
-    """Find the chain of frames, and the prior along it.
+) -> tuple[Floats, Prior]:
+    """Find the precision of the chain of frames, (frames, frames), and the prior along it.
 
     Frames differ from the reference by their motion, which is held down from the harmonic on under
     which it is the most likely. What the shape is off, unless it is exact, the reference shows, and
     all frames have it.
     """
     sds = np.sqrt(prior.variances(surface.wavenumbers))[:, None]
-    seen = [k for k, own in enumerate(here) if own is not None]
-    kept = [own for own in here if own is not None]
-    scaled = np.stack([(own.amplitudes / sds).ravel() for own in kept])
-    covariance = np.mean([np.diag(own.covariance).reshape(-1, 3) for own in kept], axis=0)
+    kept = {k: own for k, own in enumerate(here) if own is not None}
+    own = {k: (one.amplitudes / sds).ravel() for k, one in kept.items()}
+    covariance = np.mean([np.diag(o.covariance).reshape(-1, 3) for o in kept.values()], axis=0)
     shares = np.clip(1.0 - covariance / sds**2, 0.0, 1.0).ravel()
     offset, total = 1.0, float(shares.sum())
     if is_exact:
         # It is at rest, with data or without.
-        rest = np.zeros((len(here), scaled.shape[1]))
-        rest[seen] = scaled
-        rest[reference] = 0.0
-        seen = sorted({*seen, reference})
-        scaled = rest[seen]
+        own[reference] = np.zeros(3 * len(surface))
+    seen = sorted(own)
+    scaled = np.stack([own[k] for k in seen])
     row = seen.index(reference) if reference in seen else 0
     free, variance, harmonic, least = np.delete(np.arange(len(seen)), row), 1.0, _USUAL, np.inf
     tried = np.geomspace(_STIFFEST, len(seen) / 4.0, _N_TRIED).tolist()
     x = scaled[free] - scaled[row]
     for h0 in (tried if len(seen) >= _FEW else [_USUAL]) if len(free) and total > 0 else []:
-        own = chain_precision(phases[seen], h0, row, is_closed=is_closed)[np.ix_(free, free)]
+        Q = chain_precision(phases[seen], h0, row, is_closed=is_closed)[np.ix_(free, free)]
         # Variance by which the others differ from it, instead of 1; -2 log of the likelihood.
-        energy = float((shares * (x * (own @ x)).sum(axis=0)).sum()) / total / len(free)
-        unlikely = len(free) * np.log(max(energy, 1e-300)) - np.linalg.slogdet(own)[1]
+        energy = float((shares * (x * (Q @ x)).sum(axis=0)).sum()) / total / len(free)
+        unlikely = len(free) * np.log(max(energy, 1e-300)) - np.linalg.slogdet(Q)[1]
         if unlikely < least:
             harmonic, variance, least = h0, energy, unlikely
     if not is_exact and reference in seen and len(seen) > 1 and total > 0:
@@ -368,7 +363,7 @@ def chain_of(
     scale, drift = max(prior.scale * wide, narrowest), max(prior.drift * wide, narrowest)
     along = replace(prior, scale=scale, drift=drift)
     offset = max(offset, _LEAST_OFFSET)
-    return Chain(chain_precision(phases, harmonic, reference, offset, is_closed=is_closed), along)
+    return chain_precision(phases, harmonic, reference, offset, is_closed=is_closed), along
 
 
 class FramesEstimate(NamedTuple):
@@ -377,6 +372,8 @@ class FramesEstimate(NamedTuple):
     Parameters
     ----------
     amplitudes : (frames, modes, 3) float64, length unit
+    prior : Prior
+        Along the chain.
     across : (frames, 3 modes, 3 modes) float64, length unit squared
         Covariances across the surface; none where it is known.
     information : list of NormalEquations
@@ -385,6 +382,7 @@ class FramesEstimate(NamedTuple):
     """
 
     amplitudes: Floats
+    prior: Prior
     across: Floats
     information: list[NormalEquations]
     lasting: Floats
@@ -394,14 +392,13 @@ def map_frames(
     surface: Deformable,
     frames: Sequence[Frame],
     here: Iteration,
-    chain: Chain,
+    chain: tuple[Floats, Prior],
     noise: Noise,
     pinned: int | None,
     done: Callable[[], None],
 ) -> FramesEstimate:
     """Estimate all frames at once, twice, the second time about the first result."""
-    n_frames, m = len(frames), len(surface)
-    Q, prior = chain.Q, chain.prior
+    (Q, prior), n_frames, m = chain, len(frames), len(surface)
     stiffness = surface.stiffness(prior.variances(surface.wavenumbers))
     a = amplitudes_of(surface, here)
     seen, last = np.empty(0), list[NormalEquations]()
@@ -421,14 +418,14 @@ def map_frames(
     correlation = covariance / spread / spread[:, None]
     lasting = max(1.0, float((correlation**2).sum()) / n_frames)
     lasting *= prior.concentration(surface.template.topology.n_axes)
-    longer = noise.longer(lasting)
+    longer = replace(noise, truncation=noise.truncation * float(np.sqrt(lasting)))
     slow = [normal_equations(surface, a[k], frame, longer) for k, frame in enumerate(frames)]
     matrices, vectors = _stacked(slow, stiffness, pinned)
     _, covariances = joined(matrices, vectors, stiffness, Q)
     across = np.stack([across_covariance(seen[k], info) for k, info in enumerate(last)])
     if pinned is not None:
         across[pinned] = 0.0
-    return FramesEstimate(a, across, last, covariances)
+    return FramesEstimate(a, prior, across, last, covariances)
 
 
 def _stacked(

@@ -11,7 +11,7 @@ gives the truncation: what the modes leave and how many independent values it ha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -164,10 +164,6 @@ class Noise:
         """RMS distance of a point from the surface in its modes, length unit."""
         return float(np.hypot(self.sd, self.truncation))
 
-    def longer(self, lasting: float) -> Noise:
-        """Noise whose truncation so many frames have in common."""
-        return replace(self, truncation=self.truncation * float(np.sqrt(lasting)))
-
     def own(self, sd: Floats | float | None) -> Floats | float:
         """Variance of each point's own noise, length unit squared; of all where it is unknown."""
         variance: Floats | float = np.square(self.sd if sd is None else sd)
@@ -209,7 +205,7 @@ class Residuals(NamedTuple):
     n_spent: float
 
 
-def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> Noise:
+def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> tuple[Noise, Floats]:
     """Noise under which the residuals are as large, and as much alike, as they are.
 
     Noise of a point says nothing of that of its neighbour; what the modes leave is nearly the
@@ -224,6 +220,14 @@ def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> Noise
         Independent values of the truncation.
     n_axes : int
         2 of a surface, 1 of a curve.
+
+    Returns
+    -------
+    Noise
+        Of all frames alike: estimated with what grows with the motion, a frame would be drawn to
+        the start the more the farther it moves.
+    (frames,) float64, length unit
+        Truncation of each, in the mean with that of all: its residuals alone tell it by chance.
     """
     sizes = [_sizes(frame) for frame in frames]
     weights, totals, own = np.array(sizes).reshape(-1, 3).T
@@ -234,8 +238,10 @@ def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> Noise
     totals = totals * weights / np.maximum(weights - spent, np.maximum(0.25 * weights, 1e-300))
     mean = float((weights * totals).sum()) / n
     variance = max(min(float((weights * own).sum()) / n, mean), _LEAST_SHARE**2 * mean)
-    left = float((weights * np.maximum(totals - variance, 0.0)).sum()) / n
-    return Noise(float(np.sqrt(variance)), float(np.sqrt(left)), n_values)
+    left = np.maximum(totals - variance, 0.0)
+    mean = float((weights * left).sum()) / n
+    noise = Noise(float(np.sqrt(variance)), float(np.sqrt(mean)), n_values)
+    return noise, np.sqrt((left + mean) / 2.0)
 
 
 def _sizes(frame: Residuals) -> tuple[float, float, float]:

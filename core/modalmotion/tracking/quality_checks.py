@@ -17,7 +17,6 @@ from modalmotion.template import Template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.first_shape import FirstShape
 from modalmotion.tracking.map_frames import FramesEstimate
-from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import NormalEquations
 from modalmotion.tracking.observation import Frame, ends_in, states_end
 from modalmotion.tracking.result import Track, cavity_in, normals_of
@@ -139,7 +138,8 @@ def stated_deviations(
     surface: Deformable,
     vertices: Floats,
     found: FramesEstimate,
-    noise: Noise,
+    truncations: Floats,
+    n_values: float,
     pinned: int | None,
     shape: FirstShape | None = None,
 ) -> tuple[Floats, Floats | None]:
@@ -155,7 +155,7 @@ def stated_deviations(
     for k, x in enumerate(vertices):
         if k == pinned:
             continue
-        T = noise.truncation
+        T = float(truncations[k])
         of_vertices[k] = deviations_at(
             surface.shapes, normals_of(template, x), found.across[k], found.lasting[k], T
         )
@@ -164,7 +164,7 @@ def stated_deviations(
             of_lids = surface.shapes.T @ lid_gradient(cavity, x)
             area = float(face_areas(x, cavity.faces).sum())
             of_volumes[k] = volume_deviation(
-                gradient, of_lids, found.across[k], found.lasting[k], area, T, noise.n_values
+                gradient, of_lids, found.across[k], found.lasting[k], area, T, n_values
             )
             if shape is not None:
                 # What the wall sweeps along its normals: rims along it are found in every frame.
