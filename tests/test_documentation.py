@@ -15,13 +15,10 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from ellipsoid_images import labels
 from project import ROOT
 from running import RunningService
 
 from modalmotion.cli import main
-from modalmotion.formats.volumes.nifti import write_nifti
-from modalmotion.images import ImageSequence
 
 
 def blocks(document: str, language: str) -> list[str]:
@@ -188,7 +185,6 @@ def run_command(command: str, is_first: bool) -> str:
 
 def test_the_readmes_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("map.nii.gz").write_bytes(write_nifti(ImageSequence((labels(), labels(18.0)))))
     service = RunningService(tmp_path / "served")
     n_run = 0
     try:
@@ -207,7 +203,7 @@ def test_the_readmes_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
                 assert '"n_frames":25' in said
     finally:
         service.stop()
-    assert {"beat.npz", "beat.h5", "beat.png"} <= {path.name for path in tmp_path.iterdir()}
+    assert {"beat.npz", "beat.h5", "beat.png", "out"} <= {path.name for path in tmp_path.iterdir()}
 
 
 def test_links_between_documents_lead_somewhere() -> None:

@@ -33,6 +33,7 @@ from modalmotion.classification.training import train
 from modalmotion.mesh.sequence import MeshSequence, lattice_faces, mesh_sequence
 from modalmotion.modes.topology import CUP, CYLINDER
 from modalmotion.notes import Note
+from modalmotion.representation import plain
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
@@ -233,7 +234,7 @@ def held_out(recipe: Recipe, model: Model, n_per_class: int, seed: int) -> dict[
     Under "held_out" all of them, and under "not_seen", where the model leaves a class out, how
     often it gives which answer for it.
     """
-    record = evaluate(model, hearts(recipe, n_per_class, seed)).as_json()
+    record = plain(evaluate(model, hearts(recipe, n_per_class, seed)))
     for name in ("model", "model_id", "classes", "cases"):
         del record[name]
     figures: dict[str, Any] = {"held_out": {"seed": seed, **record}}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import unicodedata
-from collections.abc import Callable, Iterable, Sized
-from dataclasses import Field
+from collections.abc import Callable, Iterable, Mapping, Sized
+from dataclasses import Field, is_dataclass
 from enum import Enum
 from operator import attrgetter
 from typing import Any, Final, TypeAlias, TypeVar
@@ -91,6 +91,25 @@ def _brief(value: object) -> str:
     if text and len(text) <= _LONGEST and "\n" not in text:
         return text
     return f"{kind.__name__}[{len(value)}]" if isinstance(value, Sized) else f"{kind.__name__}(...)"
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON has it: fields by their names, lists, None for what is unknown."""
+    if isinstance(value, np.ndarray):
+        is_known = value.dtype.kind != "f" or not np.isnan(value).any()
+        return value.tolist() if is_known else [plain(one) for one in value.tolist()]
+    if is_dataclass(value):
+        value = {name: getattr(value, name) for name in value.__dataclass_fields__}
+    elif hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(name): plain(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    if isinstance(value, Enum):
+        return value.value
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and value != value else value
 
 
 def is_readable(text: str) -> bool:

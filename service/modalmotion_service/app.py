@@ -1,7 +1,5 @@
 """The application, with a store or without one."""
 
-from __future__ import annotations
-
 import asyncio
 import shutil
 from collections.abc import AsyncIterator, Iterable, Iterator

@@ -1,7 +1,5 @@
 """The OpenAPI document: what the framework makes of routes, with scopes and examples, shorter."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final

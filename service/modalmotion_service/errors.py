@@ -1,7 +1,5 @@
 """Errors that only a service has, each with the status of its answer."""
 
-from __future__ import annotations
-
 from modalmotion.errors import ModalMotionError
 
 

@@ -3,8 +3,6 @@
 Apart from what is logged, for processes that have no other part in the service.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import time

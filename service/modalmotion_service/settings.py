@@ -1,7 +1,5 @@
 """Settings, read from the environment (MODALMOTION_...); errors name the variables."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Mapping

@@ -19,8 +19,8 @@ export class Service {
     this.askKey = askKey;
   }
 
-  // A job's result is fetched from its link, or by the same request again if `isAskedAgain`.
-  async call(path, { method = "GET", accept, body, type, isJob, isAskedAgain } = {}) {
+  // A job's result is fetched from its link.
+  async call(path, { method = "GET", accept, body, type, isJob } = {}) {
     for (;;) {
       const used = key;
       const headers = { Accept: accept || "application/json" };
@@ -32,11 +32,7 @@ export class Service {
         await this.anotherKey(used);
         continue;
       }
-      if (answer.status === 202) {
-        const result = await this.result(answer.headers.get("Location"), accept);
-        if (isAskedAgain) continue;
-        return result;
-      }
+      if (answer.status === 202) return this.result(answer.headers.get("Location"), accept);
       if (!answer.ok) throw new Refused(answer.status, await answer.json().catch(() => ({})));
       return answer;
     }

@@ -40,7 +40,7 @@ export class Calls {
   page = async (id, query) => this.blob(`${await this.signature(id, query)}/view`, "text/html");
   report = async (id, query, type) => this.blob(`${await this.signature(id, query)}/report`, type);
   dicom = async (id, query, instance) =>
-    this.blob(`${await this.signature(id, query)}/dicom`, "application/zip", { method: "POST", body: instance, type: "application/octet-stream" });
+    this.blob(`${await this.signature(id, query)}/dicom`, "application/dicom", { method: "POST", body: instance, type: "application/octet-stream" });
 
   async signature(id, query) {
     if (!query || !query.size) return `/v1/signatures/${id}`;
@@ -56,9 +56,8 @@ export class Calls {
       add(await this.buffer(`${here}/view?first=${first}&stop=${Math.min(first + n, motion.nFrames)}`));
   }
 
-  // Classes and norms. The result of a classification's job is the list of all models' answers: the
-  // request is sent again, for this model's, which is stored by then.
-  classify = (id) => this.service.json(`/v1/signatures/${id}/classifications`, { method: "POST", isAskedAgain: true });
+  // Classes and norms.
+  classify = (id) => this.service.json(`/v1/signatures/${id}/classifications`, { method: "POST" });
   classes = (id) => this.service.json(`/v1/signatures/${id}/classifications`);
   norms = () => this.service.json("/v1/norms");
   deviations = async (id, norm) =>

@@ -1,7 +1,5 @@
 """Public lists of packages: each name once, imported when it is first used."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from importlib import import_module

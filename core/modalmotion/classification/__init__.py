@@ -8,11 +8,10 @@ from modalmotion.classification.answer import (
     ModeContribution,
     classify,
 )
-from modalmotion.classification.card import ModelCard
+from modalmotion.classification.card import ModelCard, card_markdown
 from modalmotion.classification.cases import CaseFile, TrainingCase
 from modalmotion.classification.evaluation import Comparison, Evaluation, compare_models, evaluate
 from modalmotion.classification.feature_tables import FeatureTable, feature_table
-from modalmotion.classification.markdown import card_markdown
 from modalmotion.classification.model import Model
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,

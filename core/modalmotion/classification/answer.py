@@ -31,8 +31,7 @@ from modalmotion.errors import (
     UnlikeCasesError,
     named,
 )
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Contents, Dataset, json_text
+from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.mesh.spring_modes import Modes, common_count
@@ -58,6 +57,8 @@ _UNSURE: Final = 0.2
 # count as still.
 _GROWTH: Final = 1e-6
 _STILL: Final = 1e-3
+# The same share of what is the rounding of modes that do not move.
+_ROUNDING: Final = 1e-12
 
 # Parameters that signatures must share with those of the model.
 _SAME: Final = ("remove_rotation", "components")
@@ -436,13 +437,14 @@ def _explanation(
     at_once = all(table.what in (AXIS, VOLUME) for table in model.tables)
     every = _by_growth(model, motion, np.arange(len(motion.modes)), features)
     parts = []
+    motion_rms = math.sqrt(squares.sum())
     for k in np.flatnonzero(alone.any(axis=0)).tolist():
-        per_unit = 0.0
-        if sizes[k] > _STILL * math.sqrt(squares.sum()):
+        per_unit, size = 0.0, sizes[k] if sizes[k] > _ROUNDING * motion_rms else 0.0
+        if size > _STILL * motion_rms:
             own = np.flatnonzero(of_group[:, k])
             change = every * alone[:, k] if at_once else _by_growth(model, motion, own, features)
-            per_unit = float(change @ weights) / sizes[k]
-        parts.append(ModeContribution(labels[k], scores[k], sizes[k], per_unit, signature.unit))
+            per_unit = float(change @ weights) / size
+        parts.append(ModeContribution(labels[k], scores[k], size, per_unit, signature.unit))
     return tuple(sorted(parts, key=lambda part: -abs(part.score)))
 
 

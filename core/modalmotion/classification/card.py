@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification.performance import Curve, Interval, Measured, RocCurve
 from modalmotion.errors import NotFoundError, ParameterError
 from modalmotion.notes import Note, notes_from_json
-from modalmotion.representation import shown
+from modalmotion.representation import plain, shown
 from modalmotion.signature.making import SignatureParameters
 
 # Tables of features that are named in words, the weightiest.
@@ -109,7 +110,7 @@ class ModelCard(Plotted):
 
     def as_json(self) -> dict[str, Any]:
         """Return the card as JSON-able values, tuples as lists."""
-        listed: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        listed: dict[str, Any] = plain(self)
         return listed
 
     @staticmethod
@@ -227,3 +228,120 @@ def parse_reference(text: str) -> ModelReference:
             "and a version, such as wall-motion@3.",
         )
     return ModelReference(match[1], None if match[2] is None else int(match[2]))
+
+
+# What would be read as Markdown or as a table, in texts of others.
+_MARKS: Final = re.compile(r"([\\`*_{}\[\]|#~$])")
+
+
+def card_markdown(name: str, model_id: str, card: ModelCard) -> str:
+    """Write a card as Markdown, the same for the same card."""
+    parts = [
+        f"# {_plain(name)}",
+        f"Classifies the motion of a surface: {_listed(card.classes)}. Model id `{model_id}`.",
+        "## Intended use",
+        _plain(card.intended_use),
+        "## Training data",
+        _table(
+            ("class", "sequences", "subjects"),
+            [(label, card.n_cases[label], card.n_subjects[label]) for label in card.classes],
+        ),
+        f"Digest of ids, labels and subjects: `{card.training_set}`.",
+        f"Has seen: {_plain(card.has_seen)}",
+        f"Has not seen: {_plain(card.has_not_seen)}",
+        "## Evaluation",
+        *_evaluation(card),
+        "## Class sets",
+        _sets(card),
+        _list("## Conditions that separate the classes", (one["text"] for one in card.confounds)),
+        "## Training",
+        f"Reads: {_plain(card.reads)}" if card.reads else "",
+        _table(("option", "value"), sorted(card.options.items())),
+        _table(("library", "version"), sorted(card.versions.items())),
+        _list("## Caveats", map(str, card.notes)),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _evaluation(card: ModelCard) -> list[str]:
+    if card.accuracy is None:
+        return ["There was no cross-validation: its accuracy is unknown."]
+    apart = (
+        "No subject was on both sides" if card.is_grouped else "Cases were kept apart, subjects not"
+    )
+    every = (
+        ("Accuracy", card.accuracy, card.accuracy_interval),
+        ("Balanced accuracy", card.balanced_accuracy, None),
+        ("AUC, macro", card.auc, card.auc_interval),
+        ("Log loss", card.log_loss, card.log_loss_interval),
+        ("Brier score", card.brier, card.brier_interval),
+        ("Expected calibration error", card.calibration_error, None),
+    )
+    rows = [
+        (name, *_figure((value, *(ends or ())))) for name, value, ends in every if value is not None
+    ]
+    by_class = (card.sensitivity, card.specificity, card.class_auc)
+    return [
+        f"Cross-validation, {max(card.repetitions, 1)} times. {apart}.",
+        _table(("figure", "value", "95 % interval"), rows),
+        _table(
+            ("class", "sensitivity", "specificity", "AUC"),
+            [
+                (label, *(" ".join(_figure(each.get(label, ()))) for each in by_class))
+                for label in card.classes
+            ],
+        ),
+        # An extra last column counts answers without a class.
+        _table(
+            ("true class, and answers", *[*card.classes, "no class"][: len(card.confusion[0])]),
+            [(label, *n) for label, n in zip(card.classes, card.confusion, strict=True)],
+        ),
+        _plain(card.methods),
+    ]
+
+
+def _sets(card: ModelCard) -> str:
+    if not card.class_coverage:
+        return f"Sets of classes are made at a coverage of {card.coverage:g}; none was measured."
+    rows = [(label, f"{share:.3f}") for label, share in card.class_coverage.items()]
+    size = "" if card.mean_set_size is None else f" Their mean size is {card.mean_set_size:.2f}."
+    return (
+        f"Sets of classes that cannot be excluded, at a coverage of {card.coverage:g}.{size}\n\n"
+        + _table(("class", "share whose set contains it"), rows)
+    )
+
+
+def _list(heading: str, texts: Iterable[str]) -> str:
+    lines = [f"- {_plain(text)}" for text in texts]
+    return "\n\n".join([heading, "\n".join(lines)]) if lines else ""
+
+
+def _table(names: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    if not rows:
+        return ""
+    lines = [
+        [*map(_cell, names)],
+        ["---"] * len(names),
+        *([_cell(value) for value in row] for row in rows),
+    ]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _cell(value: object) -> str:
+    text = json.dumps(value) if isinstance(value, Mapping | list | tuple) else str(value)
+    return _plain(text)
+
+
+def _figure(measured: Sequence[float]) -> tuple[str, str]:
+    """Write a value, and the interval that may follow it."""
+    value, *ends = [f"{number:.3f}" for number in measured] or [""]
+    return value, f"({' to '.join(ends)})" if ends else ""
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(map(_plain, names))
+
+
+def _plain(text: str) -> str:
+    """Text that is nothing but text, on one line."""
+    return _MARKS.sub(r"\\\1", html.escape(" ".join(text.split()), quote=False))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -121,10 +121,6 @@ class Evaluation(Performance, Plotted):
     def answers(self) -> Answers:
         """The answers as figures are made of them."""
         return _figures_of(self.classes, self.cases)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it as JSON-able values."""
-        return asdict(self)
 
     def as_csv(self) -> str:
         """Write the answers as a table, a line for each case.
@@ -353,11 +349,6 @@ class Comparison:
     evaluations: tuple[Evaluation, Evaluation]
     methods: str
     notes: tuple[Note, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it as JSON-able values."""
-        figures = {k: v._asdict() for k, v in vars(self).items() if isinstance(v, Difference)}
-        return {**asdict(self), **figures}
 
 
 def compare_models(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any, Final
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes.topology import MESH, Topology
-from modalmotion.representation import shown
+from modalmotion.representation import plain, shown
 from modalmotion.signature.making import MOST_MODES, SignatureKind, SignatureParameters
 
 MODE_COUNTS: Final = (7, 18)
@@ -122,7 +122,8 @@ class TrainingOptions:
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON-able values."""
-        return {k: v.value if isinstance(v, StrEnum) else v for k, v in asdict(self).items()}
+        values: dict[str, Any] = plain(self)
+        return values
 
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> TrainingOptions:

@@ -32,7 +32,7 @@ from modalmotion.errors import InputError, ParameterError, StoreError
 from modalmotion.exports.files import SURFACES, save
 from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.formats.detect import STREAM
-from modalmotion.hdf5.form import form_of
+from modalmotion.hdf5.image import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.notes import notes_as_json
 from modalmotion.store import write_atomic
@@ -55,11 +55,10 @@ def encode(
     output: Annotated[Path, OutputFile()],
     rms: float | None = None,
     max_error: float | None = None,
-    n_bytes: Annotated[int | None, {"flag": "bytes"}] = None,
     effort: Literal["fast", "balanced"] = "balanced",
     **options: Any,
 ) -> Any:
-    """Compress the sequence in FILE at a given error (in its unit) or size.
+    """Compress the sequence in FILE at a given error, in its unit.
 
     Without either, the largest error is 0.3 % of the diagonal of its bounding box.
 
@@ -71,8 +70,6 @@ def encode(
         Largest RMS distance of the vertices, in their unit.
     max_error
         Largest error of any vertex, in its unit.
-    n_bytes
-        Largest size of the stream.
     effort
         Number of transforms tried: fast takes a third of the time and more bits.
     """
@@ -84,7 +81,6 @@ def encode(
             sequence,
             rms=rms,
             max_error=max_error,
-            n_bytes=n_bytes,
             effort=effort,
             progress=show,
         )
@@ -101,12 +97,8 @@ def decode(
     output: Annotated[Path, OutputFile(*_WRITERS)],
     first: int | None = None,
     stop: int | None = None,
-    first_vertex: int | None = None,
-    stop_vertex: int | None = None,
 ) -> Any:
-    """Decode a compressed STREAM, or some of its frames and vertices.
-
-    Selected vertices come with the triangles between them.
+    """Decode a compressed STREAM, or some of its frames.
 
     Parameters
     ----------
@@ -116,10 +108,6 @@ def decode(
         First frame.
     stop
         Frame after the last.
-    first_vertex
-        First vertex.
-    stop_vertex
-        Vertex after the last.
     """
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect
@@ -127,19 +115,11 @@ def decode(
     write = _WRITERS[output.suffix.lower()]
     data = stream.read_bytes()
     with naming(stream):
-        header = inspect(data)
-    frames = _span(first, stop, header.n_frames)
-    vertices = _span(first_vertex, stop_vertex, header.n_vertices)
-    sequence = expand(data, frames=frames, vertices=vertices)
+        n_frames = inspect(data).n_frames
+    frames = range(first or 0, n_frames if stop is None else stop)
+    sequence = expand(data, frames=frames)
     write_atomic(output, write(sequence))
     return members(sequence, *SEQUENCE)
-
-
-def _span(first: int | None, stop: int | None, n: int) -> range | None:
-    """Make the range between two ends; None without either."""
-    if first is None and stop is None:
-        return None
-    return range(first or 0, n if stop is None else stop)
 
 
 @command("convert frames/ beat.vtkhdf --unit mm")
@@ -251,7 +231,7 @@ def _images(file: Path) -> dict[str, Any]:
 
 
 def _shown(kind: str, value: Any) -> dict[str, Any]:
-    return {"content": kind, **members(value, *_SHOWN[kind], plain=_plain)}
+    return {"content": kind, **members(value, *_SHOWN[kind], write=_plain)}
 
 
 def _plain(value: Any) -> Any:

@@ -1,10 +1,9 @@
-"""Commands of models: train, evaluate, compare, classify, and tables of features."""
+"""Commands of models: train, evaluate, classify, and tables of features."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -26,8 +25,7 @@ from modalmotion.cli.options import (
     surface_options,
     write_picture,
 )
-from modalmotion.notes import Note
-from modalmotion.representation import numeral, probability
+from modalmotion.representation import numeral, plain, probability
 
 if TYPE_CHECKING:
     from modalmotion.classification import Classification, Model
@@ -77,69 +75,24 @@ def evaluate(
         Table to write: probabilities of each case, held out (.csv).
     """
     from modalmotion.classification import evaluate as test
+    from modalmotion.classification.cases import left_out_notes
     from modalmotion.store import write_atomic
 
-    asked = partial(test, model_named(model))
-    result, notes = _asked(sources, unit, skip_unreadable, asked, coverage)
+    files = labelled_files(sources, skip_unreadable=skip_unreadable)
+    cases = [LabelledSequence(file, {"unit": unit}) for file in files]
+    left_out: list[LeftOut] | None = [] if skip_unreadable else None
+    with counting("cases") as show:
+        result = test(model_named(model), cases, coverage, progress=show, left_out=left_out)
+    notes = list(left_out_notes(left_out or ()))
     if plot is not None:
         from modalmotion.pictures.classification import evaluation_figure
 
         write_picture(evaluation_figure(result), plot)
     if cases_file is not None:
         write_atomic(cases_file, result.as_csv().encode())
-    answer = result.as_json()
+    answer = plain(result)
     said = {**answer, "cases": None, "confusion": _confusion(result.classes, result.confusion)}
     return {**answer, "left_out": notes}, described({**said, "left_out": notes})
-
-
-def _asked(
-    sources: tuple[Path, ...],
-    unit: str | None,
-    skips: bool,
-    ask: Callable[..., Any],
-    coverage: float,
-) -> tuple[Any, list[Note]]:
-    """Put labelled sequences to models; gives what was left out on request, too."""
-    from modalmotion.classification.cases import left_out_notes
-
-    files = labelled_files(sources, skip_unreadable=skips)
-    cases = [LabelledSequence(file, {"unit": unit}) for file in files]
-    left_out: list[LeftOut] = []
-    with counting("cases") as show:
-        result = ask(cases, coverage, progress=show, left_out=left_out if skips else None)
-    return result, list(left_out_notes(left_out))
-
-
-@command("compare-models mine.h5 other.h5 cases.csv")
-@click.argument("first", metavar="MODEL")
-@click.argument("second", metavar="OTHER")
-@labelled_sources
-def compare_models(
-    first: str,
-    second: str,
-    sources: tuple[Path, ...],
-    skip_unreadable: bool,
-    unit: str | None = None,
-    coverage: Coverage = 0.9,
-) -> Any:
-    """Compare two models on the same labelled sequences.
-
-    MODEL and OTHER are each a file or a name. MANIFEST and FILES are as for training, of subjects
-    that neither model was trained on. Cases of one subject count together.
-
-    Parameters
-    ----------
-    unit
-        Length unit of all files; overrides their own.
-    coverage
-        Probability that the class set contains the true class.
-    """
-    from modalmotion.classification import compare_models as compare
-
-    asked = partial(compare, model_named(first), model_named(second))
-    result, notes = _asked(sources, unit, skip_unreadable, asked, coverage)
-    answer = {**result.as_json(), "left_out": notes}
-    return answer, described({**answer, "evaluations": None})
 
 
 @command("classify beat.npz --model mine.h5")
@@ -186,26 +139,23 @@ def classify(
     return _answer_json(result), _answer_lines(result)
 
 
-@command("card mine.h5 --markdown -o README.md")
+@command("card mine.h5 -o card.md")
 @click.argument("model")
-def card(
-    model: str, markdown: bool = False, out: Annotated[Path | None, OutputFile()] = None
-) -> Any:
+def card(model: str, out: Annotated[Path | None, OutputFile()] = None) -> Any:
     """Show the training and the performance of MODEL.
 
     MODEL is a file, or the name of an included model.
 
     Parameters
     ----------
-    markdown
-        As Markdown with a YAML head, as on the Hugging Face Hub.
     out
-        File to write.
+        File to write, as Markdown.
     """
+    from modalmotion.classification import card_markdown
     from modalmotion.store import write_atomic
 
     stored = model_named(model)
-    text = _card_text(stored, markdown=markdown, file=model if Path(model).is_file() else None)
+    text = card_markdown(stored.name, stored.id, stored.card)
     if out is not None:
         write_atomic(out, text.encode())
     return stored.card.as_json(), [text.rstrip()] if out is None else []
@@ -317,6 +267,7 @@ def train(
     cases_file
         Table to write: probabilities of each case, held out (.csv).
     """
+    from modalmotion.classification import card_markdown
     from modalmotion.classification import train as fit
     from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
@@ -332,7 +283,7 @@ def train(
         from modalmotion.pictures.classification import card_figure
 
         write_picture(card_figure(model.card, name), plot)
-    said = [_card_text(model, file=str(out))]
+    said = [card_markdown(model.name, model.id, model.card)]
     if cases_file is not None and model.cross_validation is not None:
         write_atomic(cases_file, model.cross_validation.as_csv().encode())
     elif cases_file is not None:
@@ -341,14 +292,6 @@ def train(
     written = [path for path in (out, plot, cases_file) if path is not None]
     answer = {"name": model.name, "id": model.id, "card": model.card.as_json()}
     return {**answer, "written": written}, said
-
-
-def _card_text(model: Model, *, markdown: bool = False, file: str | None = None) -> str:
-    """Write a model's card as Markdown, with the YAML head of registries if so."""
-    from modalmotion.classification import card_markdown
-
-    page = card_markdown(model.name, model.id, model.card, file=file)
-    return page if markdown else page.split("---\n", 2)[2].lstrip()
 
 
 def _confusion(

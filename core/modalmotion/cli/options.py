@@ -35,7 +35,7 @@ from modalmotion.exports.reading import write_picture as write_picture
 from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MEAN, Reference
 from modalmotion.notes import Note
-from modalmotion.representation import numeral
+from modalmotion.representation import numeral, plain
 from modalmotion.signature.parameters import USUAL_MODES, SignatureParameters
 
 MOVING: Final = ".gif"
@@ -435,19 +435,11 @@ def aligned(rows: Sequence[Sequence[object]]) -> str:
     )
 
 
-def as_json(value: Any) -> Any:
-    """Give arrays and tuples as lists, and a member of an enumeration as its value."""
-    value = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(value, tuple | list):
-        return [as_json(one) for one in value]
-    return value.value if isinstance(value, Enum) else value
-
-
-def members(value: object, *names: str, plain: Callable[[Any], Any] = as_json) -> dict[str, Any]:
+def members(value: object, *names: str, write: Callable[[Any], Any] = plain) -> dict[str, Any]:
     """Give attributes of a value, `path.to.one` or `attribute as name`, for an answer."""
     pairs = (one.partition(" as ") for one in names)
     return {
-        name or path.rpartition(".")[2]: plain(attrgetter(path)(value)) for path, _, name in pairs
+        name or path.rpartition(".")[2]: write(attrgetter(path)(value)) for path, _, name in pairs
     }
 
 

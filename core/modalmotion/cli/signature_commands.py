@@ -1,4 +1,4 @@
-"""Commands of modal signatures: fit, reconstruct, resample, and the trade-off of their size."""
+"""Commands of modal signatures: fit, reconstruct, and the trade-off of their size."""
 
 from __future__ import annotations
 
@@ -28,20 +28,17 @@ from modalmotion.cli.options import (
 from modalmotion.errors import TopologyError
 from modalmotion.exports.signature_pack import (
     SUFFIXES,
-    SurfaceFormat,
     write_superposed,
-    write_surfaces,
 )
 from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import counted, numeral, with_article
+from modalmotion.representation import counted, numeral, plain, with_article
 from modalmotion.signature import (
     MOST_OF_FRONT,
     Price,
     Tradeoff,
     measure_tradeoff,
     price_of,
-    reconstruction,
 )
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.signature.tradeoff import as_plain
@@ -155,7 +152,7 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
         "labels": [str(label) for label in result.modes.labels],
         "facts": facts_as_json(result.facts),
         "price": asdict(price),
-        "choice": None if result.choice is None else result.choice.as_json(),
+        "choice": plain(result.choice),
     }
 
 
@@ -193,46 +190,6 @@ def _lines(result: ModalSignature, sequence: MeshSequence, price: Price | None) 
         yield from described({"price": asdict(price)})
     yield from _volume_lines(result, sequence)
     yield from (f"note: {note}" for note in result.notes)
-
-
-_SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != SurfaceFormat.GLB}
-
-
-@command("resample beat.npz --phase 0.37 -o systole.npz")
-@sequence_argument
-def resample(
-    source: Path,
-    output: Annotated[Path, OutputFile(*_SUFFIXES)],
-    phases: Annotated[tuple[float, ...], {"flag": "phase"}] = (),
-    frames: Annotated[int | None, click.IntRange(2)] = None,
-    **options: Any,
-) -> Any:
-    """Write the surface in FILE at any phase of its cycle, with its deviation.
-
-    Parameters
-    ----------
-    output
-        File to write: .npz, .vtkhdf or .zip (of PLY).
-    phases
-        Share of the cycle, 0 to 1.
-    frames
-        Instead of phases: number of even steps.
-    """
-    if bool(phases) == (frames is not None):
-        raise click.UsageError("Give one of --phase and --frames.")
-    with Waiting(source) as waiting:
-        with waiting.watch.stage("read"):
-            sequence = read(source, **options)
-        with waiting.watch.stage("resample"):
-            result = reconstruction.resample(
-                sequence, frames if frames is not None else sorted(phases)
-            )
-        with waiting.watch.stage("write"):
-            kind = _SUFFIXES[output.suffix.lower()]
-            fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
-            write_atomic(output, write_surfaces(result.sequence, kind, fields))
-    names = ("phases", "rms_deviations", "interpolation", "sequence.unit")
-    return {**members(result, *names), "notes": [reconstruction.note_on(result)]}
 
 
 @command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")

@@ -21,7 +21,7 @@ from modalmotion.cli.options import (
     options_of,
 )
 from modalmotion.formats import write_npz
-from modalmotion.formats.volumes import write_nifti_zip
+from modalmotion.formats.volumes.one_file import write_nifti, write_nifti_zip
 from modalmotion.representation import csv_text
 from modalmotion.simulate import (
     Acquisition,
@@ -60,7 +60,7 @@ def simulate(
     Parameters
     ----------
     output
-        File to write (.npz; .zip of images).
+        File to write (.npz; of images .zip, or .nii.gz, which cannot contain planes).
     frames
         Frames over one beat.
     noise
@@ -72,7 +72,7 @@ def simulate(
     seed
         Seed of all random numbers.
     image
-        Images instead of a surface: a zip of NIfTI, with the true surface and landmarks.
+        Images instead of a surface, or a label map; the true surface and landmarks beside them.
     """
     if grid is None or len(grid) != 2:
         raise click.BadParameter("A ventricle's lattice has two axes.", param_hint="--grid")
@@ -93,7 +93,7 @@ def simulate(
 def _write_images(
     output: Path, kind: ImageKind, parameters: VentricleParameters, frames: int, seed: int
 ) -> tuple[Path, Path, Path]:
-    """Write images to a zip, and beside it what they show: .truth.npz and .landmarks.json."""
+    """Write images, and beside them what they show: .truth.npz and .landmarks.json."""
     phantom = simulate_images(kind, parameters, n_frames=frames, rng=np.random.default_rng(seed))
     marks = {
         "coordinates": "LPS",
@@ -103,8 +103,10 @@ def _write_images(
             "base": phantom.landmarks["base"].tolist(),
         },
     }
-    write_atomic(output, write_nifti_zip(phantom.images))
-    truth, places = (output.with_suffix(end) for end in (".truth.npz", ".landmarks.json"))
+    is_one = output.name.endswith((".nii", ".nii.gz"))
+    write_atomic(output, (write_nifti if is_one else write_nifti_zip)(phantom.images))
+    stem = output.name.removesuffix(".gz").removesuffix(output.suffix).removesuffix(".nii")
+    truth, places = (output.with_name(stem + end) for end in (".truth.npz", ".landmarks.json"))
     write_atomic(truth, write_npz(phantom.truth))
     write_atomic(places, json.dumps(marks).encode())
     return output, truth, places

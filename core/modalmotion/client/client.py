@@ -10,9 +10,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from modalmotion.client.bodies import Option, Source, body_of, json_body, segment
 from modalmotion.client.calls import Job, call, parted, posted, status_of
-from modalmotion.client.connection import JSON, Answer, Call
+from modalmotion.client.connection import (
+    JSON,
+    Answer,
+    Call,
+    Option,
+    Source,
+    body_of,
+    json_body,
+    segment,
+)
 from modalmotion.client.errors import RemoteError, UnreachableError
 from modalmotion.client.recordings import Recording, Recordings, track_call
 from modalmotion.client.values import (
@@ -344,7 +352,7 @@ class Client(Recordings):
     def save_dicom(
         self, sequence_id: str, study: bytes | Path, path: str | Path, **options: Option
     ) -> None:
-        """Write a zip of DICOM objects of a patient's study: a structured report and surfaces.
+        """Write a DICOM structured report of a patient's study.
 
         Parameters
         ----------
@@ -362,7 +370,9 @@ class Client(Recordings):
         """
         own, rest = parted(options)
         place = f"/v1/signatures/{self._key(sequence_id, own)}/dicom"
-        self._save(path, Call("POST", place, rest, ZIP, body_of(study), is_repeatable=True))
+        self._save(
+            path, Call("POST", place, rest, "application/dicom", body_of(study), is_repeatable=True)
+        )
 
     def save_tracked_report(
         self,

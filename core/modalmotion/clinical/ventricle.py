@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -39,8 +39,8 @@ from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.topology import CUP
-from modalmotion.notes import Note, notes_as_json
-from modalmotion.representation import Floats, shown
+from modalmotion.notes import Note
+from modalmotion.representation import Floats, plain, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.template import Template
@@ -161,81 +161,60 @@ def volumes_json(curve: VolumeCurve, factor: float) -> dict[str, Any]:
 
 def ventricle_json(ventricle: VentricleReadouts) -> dict[str, Any]:
     """Write read-outs: rates, segments and strain, null if a surface has none."""
-    regions, strain = ventricle.regions, ventricle.strain
-    return {
-        "rates": None if ventricle.rates is None else asdict(ventricle.rates),
-        "segments": None
-        if regions is None
-        else {
-            "names": list(regions.names),
-            "percent": _numbers(regions.shares),
-            "end_diastole": regions.end_diastole,
-            "reason": regions.reason,
-        },
-        "strain": None if strain is None else strain_json(strain),
-        "torsion": None if ventricle.torsion is None else torsion_json(ventricle.torsion),
-        "per_mode": None if ventricle.per_mode is None else per_mode_json(ventricle.per_mode),
-    }
+    regions, strain, per_mode = ventricle.regions, ventricle.strain, ventricle.per_mode
+    answer: dict[str, Any] = plain(
+        {
+            "rates": ventricle.rates,
+            "segments": regions
+            and {
+                "names": regions.names,
+                "percent": regions.shares,
+                "end_diastole": regions.end_diastole,
+                "reason": regions.reason,
+            },
+            "strain": strain and _strain_json(strain),
+            "torsion": ventricle.torsion,
+            "per_mode": per_mode
+            and {
+                "names": per_mode.names,
+                "units": per_mode.units,
+                "modes": list(map(str, per_mode.labels)),
+                "values": per_mode.values,
+            },
+        }
+    )
+    return answer
 
 
-def torsion_json(torsion: Torsion) -> dict[str, Any]:
-    """Write twist and shear, degrees."""
-    return {
-        "twist": torsion.twist.tolist(),
-        "twist_deviations": torsion.twist_deviations.tolist(),
-        "shear": torsion.shear.tolist(),
-        "shear_deviations": torsion.shear_deviations.tolist(),
-        "end_diastole": torsion.end_diastole,
-        "end_systole": torsion.end_systole,
-    }
-
-
-def per_mode_json(per_mode: Sensitivities) -> dict[str, Any]:
-    """Write gradients by amplitudes."""
-    return {
-        "names": list(per_mode.names),
-        "units": list(per_mode.units),
-        "modes": [str(label) for label in per_mode.labels],
-        "values": per_mode.values.tolist(),
-    }
-
-
-def strain_json(strain: Strain) -> dict[str, Any]:
+def _strain_json(strain: Strain) -> dict[str, Any]:
     """Write strain, each number with its interval and its definition."""
     return {
         "figures": [
             {
                 "name": name,
                 "definition": DEFINITIONS.get(name, DEFINITIONS["GCS"]),
-                "end_systolic": strain.end_systolic[name]._asdict(),
-                "peak": strain.peak[name]._asdict(),
-                "curve": strain.curves[:, place].tolist(),
-                "deviations": strain.deviations[:, place].tolist(),
+                "end_systolic": strain.end_systolic[name],
+                "peak": strain.peak[name],
+                "curve": strain.curves[:, place],
+                "deviations": strain.deviations[:, place],
             }
             for place, name in enumerate(strain.names)
         ],
         "segments": {
-            "names": list(strain.segments),
-            "directions": list(DIRECTIONS),
-            "percent": _numbers(strain.by_segment),
-            "end_systolic_deviations": _numbers(strain.segment_deviations),
+            "names": strain.segments,
+            "directions": DIRECTIONS,
+            "percent": strain.by_segment,
+            "end_systolic_deviations": strain.segment_deviations,
             "reason": strain.reason,
         },
-        "dyssynchrony": None if strain.dyssynchrony is None else strain.dyssynchrony._asdict(),
-        "end_diastole": strain.end_diastole,
-        "end_systole": strain.end_systole,
         "found_by": "largest and smallest volume",
-        "layer": strain.layer,
-        "source": strain.source,
-        "notes": notes_as_json(strain.notes),
+        **{
+            name: getattr(strain, name)
+            for name in (
+                *("dyssynchrony", "end_diastole", "end_systole", "layer", "source", "notes"),
+            )
+        },
     }
-
-
-def _numbers(values: Floats) -> Any:
-    """Nested lists, None for what is not a number."""
-    plain = values.astype(object)
-    plain[np.isnan(values)] = None
-    return plain.tolist()
 
 
 @shown("names", "units", "labels")

@@ -3,8 +3,6 @@
 Equation numbers are those of Nastar, INRIA research report, 1994.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ circumference, computed in integers. It depends on the topology alone, never on 
 nodes or on the eigenvalues of the surface at hand, so a label keeps its place everywhere.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -131,7 +129,7 @@ class ModeSet(FrozenArrays):
         return ""
 
     @property
-    def names(self) -> ModeSet:
+    def names(self) -> "ModeSet":
         """These modes themselves: nothing had to be solved for."""
         return self
 
@@ -140,12 +138,12 @@ class ModeSet(FrozenArrays):
         """Datasets of the modes in files."""
         return {"wavenumbers": self.wavenumbers, "is_sine": self.is_sine.astype(np.uint8)}
 
-    def take(self, indices: Ints | list[int] | slice) -> ModeSet:
+    def take(self, indices: Ints | list[int] | slice) -> "ModeSet":
         """Modes at these indices, in this order."""
         return ModeSet(self.topology, self.wavenumbers[indices], self.is_sine[indices])
 
     @staticmethod
-    def of(topology: Topology, labels: tuple[ModeLabel, ...] | list[ModeLabel]) -> ModeSet:
+    def of(topology: Topology, labels: tuple[ModeLabel, ...] | list[ModeLabel]) -> "ModeSet":
         """Modes with these labels, in this order."""
         wavenumbers = np.array([label.wavenumbers for label in labels], dtype=np.int64)
         return ModeSet(

@@ -4,8 +4,6 @@ As figures 2 and 3 of Nastar (1994). The modes may be of anything: shapes at the
 lattice or at the vertices of a mesh serve alike.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

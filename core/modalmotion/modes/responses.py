@@ -20,8 +20,6 @@ available precision", Numerische Mathematik 18, 1971. Relative error about 1e-31
 underflows; where one does, or overflows, the value falls back to one float.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

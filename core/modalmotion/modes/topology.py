@@ -1,7 +1,5 @@
 """Topologies, the ends of each axis of a surface, and the names of their modes."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from enum import StrEnum
@@ -98,7 +96,7 @@ class Topology:
         return self.name
 
     @staticmethod
-    def parse(text: str) -> Topology:
+    def parse(text: str) -> "Topology":
         """Read a topology from its name or its ends.
 
         Parameters

@@ -4,8 +4,6 @@ Equation numbers are those of Nastar, INRIA research report, 1994. All closed-fo
 need not be built, and may be of any size.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, Final

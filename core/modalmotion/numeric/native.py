@@ -1,7 +1,5 @@
 """The compiled library of the package, loaded by ctypes."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Norms, quantiles and factors of arrays of any scale."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from modalmotion.representation import Floats

@@ -1,7 +1,5 @@
 """What is packed, unpacked to the size that its header declares and no further."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterable, Iterator
 from typing import Final, Literal

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Final
 
@@ -148,13 +148,9 @@ class ModelChoice:
     scene: SceneKind
     errors: dict[SceneKind, SceneError]
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain values, for files and answers."""
-        return asdict(self)
-
     @staticmethod
     def from_json(values: dict[str, Any]) -> ModelChoice:
-        """Read the output of `as_json`, after a round trip through JSON."""
+        """Read what `plain` gives of it."""
         noise = values["noise"]
         return ModelChoice(
             asked=values["asked"],

@@ -8,14 +8,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, Form, json_text
 from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.spring_modes import Modes, SpringModes
 from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import MESH, Topology
 from modalmotion.notes import notes_from_json
+from modalmotion.representation import plain
 from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
@@ -96,7 +96,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
     if signature.facts.stated:
         datasets.append(json_text("facts", facts_as_json(signature.facts)))
     if signature.choice is not None:
-        datasets.append(json_text("choice", signature.choice.as_json()))
+        datasets.append(json_text("choice", plain(signature.choice)))
     if signature.landmarks is not None:
         datasets += landmark_datasets(signature.landmarks, unit)
     if signature.volumes is not None:

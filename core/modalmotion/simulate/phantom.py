@@ -27,6 +27,7 @@ class ImageKind(StrEnum):
     MRI = "mri"
     ECHO = "echo"
     CINE = "cine"
+    LABELS = "labels"
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ _LOOKS: Final = {
     ImageKind.MRI: _Look(1.0, 0.3, (0.1, 0.7, 2.0), (1.4, 1.4, 8.0)),
     ImageKind.ECHO: _Look(0.12, 1.0, (0.2, 0.5, 1.0), (1.2, 1.2, 1.2)),
     ImageKind.CINE: _Look(1.0, 0.3, (0.1, 0.7, 2.0), (1.4, 1.4, 8.0)),
+    ImageKind.LABELS: _Look(1.0, 0.3, (0.1, 0.7, 2.0), (1.4, 1.4, 8.0)),
 }
 
 # Cine: short-axis planes, long-axis planes, and mm of an image's side.
@@ -142,9 +144,10 @@ def simulate_images(
 
     Parameters
     ----------
-    kind : {"ct", "mri", "echo", "cine"}
+    kind : {"ct", "mri", "echo", "cine", "labels"}
         1 mm in each direction; 1.4 x 1.4 x 8 mm across the long axis; 1.2 mm with speckle, where
-        blood is dark; or six short-axis and three long-axis planes.
+        blood is dark; six short-axis and three long-axis planes; or a label map of the slices of
+        MRI: 1 the right ventricle, 2 the wall, 3 the cavity.
     parameters : VentricleParameters, optional
         A healthy adult's by default.
     n_frames : int
@@ -170,6 +173,8 @@ def simulate_images(
         geometry = _cine_planes(rows, spacing)
     elif kind is ImageKind.MRI:
         geometry = [_stack_along(rows, spacing)]
+    elif kind is ImageKind.LABELS:
+        geometry = [replace(_stack_along(rows, spacing), n_through=1)]
     else:
         geometry = [_box(rows, spacing, rng)]
     n_slices = sum(g.shape[2] for g in geometry)
@@ -252,6 +257,14 @@ class _Imaging:
         seen: Floats = values.reshape(points.shape[:-1])
         return seen
 
+    def labels(self, moment: Tissues, points: Floats) -> NDArray[np.int16]:
+        """Labels at points (..., 3): 1 the right ventricle, 2 the wall, 3 the cavity."""
+        fields = np.stack([moment.right, moment.wall, moment.cavity], axis=1)
+        found = np.zeros(points.shape[:-1], dtype=np.int16)
+        for label, distance in enumerate(self.lattice.at(fields, points.reshape(-1, 3)).T, 1):
+            found[distance.reshape(found.shape) < 0.0] = label
+        return found
+
 
 def _taken(
     grid: _Grid,
@@ -261,7 +274,9 @@ def _taken(
     shifts: Floats,
     rng: np.random.Generator,
 ) -> NDArray[np.int16]:
-    """Take one image: brightness, mean through slices, point spread, noise."""
+    """Take one image: labels, or brightness, mean through slices, point spread, noise."""
+    if kind is ImageKind.LABELS:
+        return imaging.labels(moment, grid.points(shifts))
     values = imaging.of(moment, grid.points(shifts))
     i, j, k = grid.shape
     values = values.reshape(i, j, k, grid.n_through).mean(axis=3)

@@ -10,8 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import StoreError
-from modalmotion.hdf5.form import form_of
-from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, form_of, json_text
 from modalmotion.mesh.sequence import TRACK, sequence_datasets, sequence_in
 from modalmotion.modes import ModeSet
 from modalmotion.notes import notes_from_json

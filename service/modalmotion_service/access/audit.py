@@ -4,8 +4,6 @@ It is a table of SQLite, lines to a stream or a log host, or both. Entries are c
 while one transaction reaches the disk, those that come wait for the next.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import io

@@ -1,7 +1,5 @@
 """Keys: created, shown once, stored as a hash, revoked; in a file of several processes."""
 
-from __future__ import annotations
-
 import abc
 import hashlib
 import hmac

@@ -1,7 +1,5 @@
 """Logins of an organisation beside keys: tokens of OpenID Connect, and whoever signs them."""
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 import json

@@ -4,8 +4,6 @@ A browser on this machine reaches the service too. A page of another site could 
 point a name of its own at this machine (DNS rebinding); the names in its headers give both away.
 """
 
-from __future__ import annotations
-
 import ipaddress
 import math
 import re

@@ -1,7 +1,5 @@
 """The one table of the scope that each route needs, and who sends a request."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from difflib import get_close_matches

@@ -1,7 +1,5 @@
 """Commands for the audit log; a server may be writing it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """Commands for keys; a running server notices at once."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta

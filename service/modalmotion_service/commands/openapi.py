@@ -1,7 +1,5 @@
 """Write the OpenAPI document, or check that the committed one is current."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

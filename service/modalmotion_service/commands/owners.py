@@ -1,7 +1,5 @@
 """Commands for owners: what each has, and the removal of one with everything."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The process of a server: its logs, its files, its first key, uvicorn in it."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import fcntl

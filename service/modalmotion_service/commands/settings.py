@@ -1,7 +1,5 @@
 """All settings of the service: names, values in force, defaults, meanings."""
 
-from __future__ import annotations
-
 import json
 import textwrap
 from collections.abc import Iterator

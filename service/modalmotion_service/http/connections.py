@@ -1,7 +1,5 @@
 """Connections of uvicorn: how many, how long they may be silent, and what is no HTTP."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import resource

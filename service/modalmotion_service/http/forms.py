@@ -1,7 +1,5 @@
 """Forms, whose files go to one file of the spool as they come."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import AsyncIterator
 from contextlib import aclosing, asynccontextmanager

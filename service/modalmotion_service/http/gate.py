@@ -3,8 +3,6 @@
 Pure ASGI and before anything reads a body: the body of a refused request is never received.
 """
 
-from __future__ import annotations
-
 import contextlib
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Routes that the gate must have checked, and whose query and body are checked and described."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any, Final, TypeVar

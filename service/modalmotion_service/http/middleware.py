@@ -5,8 +5,6 @@ lets through what it takes for one thing, and a service that does another. Such 
 refused.
 """
 
-from __future__ import annotations
-
 import asyncio
 import ipaddress
 import re

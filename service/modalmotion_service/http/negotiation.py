@@ -1,7 +1,5 @@
 """What the headers of a request ask for: a media type, an answer at once, only what is new."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from typing import Final
@@ -19,6 +17,7 @@ NPZ: Final = "application/x-npz"
 GLB: Final = "model/gltf-binary"
 VTKHDF: Final = "application/vnd.vtk.vtkhdf"
 ZIP: Final = "application/zip"
+DICOM: Final = "application/dicom"
 RAW: Final = OCTETS
 STREAM: Final = "application/vnd.modalmotion.stream"
 PNG: Final = "image/png"

@@ -1,7 +1,5 @@
 """Where the time of a request went, by stage."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Metrics for Prometheus: requests, bytes, work, jobs, stores. No owner, no id, no path."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import Counter as Tally

@@ -5,8 +5,6 @@ the status and milliseconds by stage, and neither the query nor anything of a bo
 sequence or job, and no text of an error.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 import secrets

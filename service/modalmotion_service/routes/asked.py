@@ -1,7 +1,5 @@
 """What a call contains, whose store it concerns, its answer, and how both are described."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

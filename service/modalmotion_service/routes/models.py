@@ -1,7 +1,5 @@
 """Models and norms: made of stored sequences, listed, described, tested, asked, deleted."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from typing import Annotated
@@ -89,7 +87,7 @@ async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
         return Response(await asyncio.to_thread(model_to_hdf5, content), 200, headers, HDF5)
     if kind == MARKDOWN:
         card = ModelCard.from_json(content.card)
-        page = card_markdown(model.name, model.id, card, version=model.version)
+        page = card_markdown(f"{model.name}@{model.version}", model.id, card)
         return Response(page, 200, headers, f"{MARKDOWN}; charset=utf-8")
     source = model.source
     file = None if isinstance(source, str) else source.relative_to(state.store.root).as_posix()

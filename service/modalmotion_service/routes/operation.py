@@ -1,7 +1,5 @@
 """Jobs; and for operators: health, limits, metrics and the audit log."""
 
-from __future__ import annotations
-
 import asyncio
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version

@@ -1,7 +1,5 @@
 """Images that are taken in, and tracks: surfaces followed through what does not correspond."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Stored sequences and templates: uploaded, listed, described, changed, deleted."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from typing import Annotated

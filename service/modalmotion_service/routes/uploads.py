@@ -3,8 +3,6 @@
 And signatures, classes and streams of files that are sent with the request; nothing is stored.
 """
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 from collections import Counter
@@ -365,9 +363,8 @@ async def encode_file(
 async def decode_file(
     sent: Annotated[Sent, Depends(receiving(DecodingRequest))], asked: AskedAny
 ) -> Response:
-    """Decode a stream, or some of its frames and vertices; nothing is stored."""
+    """Decode a stream, or some of its frames; nothing is stored."""
     with sent.file:
-        sent.query.ranges()
         return await _answered(asked, sent, operations.decoding)
 
 

@@ -1,7 +1,5 @@
 """Pages on which sequences can be looked at, and the interface is described."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

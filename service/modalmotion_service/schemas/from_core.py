@@ -1,7 +1,5 @@
 """Fields that several requests share, and models made from the library's parameter classes."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

@@ -1,7 +1,5 @@
 """Health, problems, jobs, the audit log, facts: answers of every part of the service."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Any, Literal
 
@@ -99,7 +97,7 @@ class AuditEntryAnswer(Answer):
     ids: list[str]
 
     @staticmethod
-    def of(entry: AuditEntry) -> AuditEntryAnswer:
+    def of(entry: AuditEntry) -> "AuditEntryAnswer":
         """Write an entry out."""
         return read_from(AuditEntryAnswer, entry, ids=entry.ids.split())
 
@@ -118,7 +116,7 @@ class FactsAnswer(Answer):
     covariates: dict[str, int | float | str]
 
     @staticmethod
-    def of(facts: Facts) -> FactsAnswer:
+    def of(facts: Facts) -> "FactsAnswer":
         """Write facts out."""
         return FactsAnswer.model_validate(facts_as_json(facts))
 
@@ -130,6 +128,6 @@ class ReadingAnswer(Answer):
     notes: list[Note]
 
     @staticmethod
-    def of(reading: Reading) -> ReadingAnswer:
+    def of(reading: Reading) -> "ReadingAnswer":
         """Write a reading out, without the sequence."""
         return read_from(ReadingAnswer, reading)

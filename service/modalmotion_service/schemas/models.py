@@ -1,7 +1,5 @@
 """Models, norms and tables of features: what is said of them, and by them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final, Literal
 
@@ -10,6 +8,7 @@ from modalmotion.classification.evaluation import CaseAnswer, Difference
 from modalmotion.norm import Norm
 from modalmotion.norm.deviation import CohortDeviation, Deviation, GroupDeviation, QuantityDeviation
 from modalmotion.notes import Note
+from modalmotion.representation import plain
 from modalmotion.signature.parameters import parameters_as_json
 from modalmotion.store import KeptModel, ModelRecord
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
@@ -32,7 +31,7 @@ class ModelSummary(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(record: ModelRecord, versions: list[int]) -> ModelSummary:
+    def of(record: ModelRecord, versions: list[int]) -> "ModelSummary":
         """Write a record out."""
         here = f"/v1/models/{record.name}"
         return read_from(
@@ -86,7 +85,7 @@ class ModelCardAnswer(Curves):
     """Facts to know before relying on a model."""
 
     @staticmethod
-    def of(card: ModelCard) -> ModelCardAnswer:
+    def of(card: ModelCard) -> "ModelCardAnswer":
         """Write a card out."""
         return ModelCardAnswer(**Curves.written(card.as_json()))
 
@@ -101,7 +100,7 @@ class ModelAnswer(ModelSummary):
     """HDF5 file within the data folder; null for a shipped model."""
 
     @staticmethod
-    def with_card(model: KeptModel, versions: list[int], file: str | None) -> ModelAnswer:
+    def with_card(model: KeptModel, versions: list[int], file: str | None) -> "ModelAnswer":
         """Write a stored model out."""
         return ModelAnswer(
             **ModelSummary.of(model.record, versions).model_dump(),
@@ -132,9 +131,9 @@ class EvaluationAnswer(Curves):
     cases: list[CaseResult]
 
     @staticmethod
-    def of(result: Evaluation, version: int) -> EvaluationAnswer:
+    def of(result: Evaluation, version: int) -> "EvaluationAnswer":
         """Write a result out."""
-        values = Curves.written(result.as_json())
+        values = Curves.written(plain(result))
         values["cases"] = [
             {**case, "probabilities": dict(zip(result.classes, case["probabilities"], strict=True))}
             for case in values["cases"]
@@ -159,9 +158,9 @@ class ComparisonAnswer(Answer):
     evaluations: tuple[EvaluationAnswer, EvaluationAnswer]
 
     @staticmethod
-    def of(result: Comparison, versions: Sequence[int]) -> ComparisonAnswer:
+    def of(result: Comparison, versions: Sequence[int]) -> "ComparisonAnswer":
         """Write a result out."""
-        values: dict[str, Any] = result.as_json()
+        values: dict[str, Any] = plain(result)
         values["models"] = tuple(
             f"{name}@{version}" for name, version in zip(result.models, versions, strict=True)
         )
@@ -192,7 +191,7 @@ class NormAnswer(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(norm: Norm) -> NormAnswer:
+    def of(norm: Norm) -> "NormAnswer":
         """Write a norm out."""
         return NormAnswer(**norm.as_json(), links={"self": f"/v1/norms/{norm.name}"})
 
@@ -266,6 +265,6 @@ class FeaturesAnswer(Answer):
     left_out: list[LeftOutAnswer]
 
     @staticmethod
-    def of(table: FeatureTable) -> FeaturesAnswer:
+    def of(table: FeatureTable) -> "FeaturesAnswer":
         """Write a table out."""
         return FeaturesAnswer(**table.as_json())

@@ -1,7 +1,5 @@
 """Compressed streams, classes, read-outs, and answers for many files."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from modalmotion.classification import FLAGS, Classification
@@ -29,7 +27,7 @@ class EncodedAnswer(Answer):
     transform: str
 
     @staticmethod
-    def of(stream: Encoded) -> EncodedAnswer:
+    def of(stream: Encoded) -> "EncodedAnswer":
         """Write the measurements out."""
         return read_from(EncodedAnswer, stream)
 
@@ -65,7 +63,7 @@ class ClassificationAnswer(Answer):
     @staticmethod
     def of(
         result: Classification, version: int | None, file: str | None = None
-    ) -> ClassificationAnswer:
+    ) -> "ClassificationAnswer":
         """Write a classification out."""
         return read_from(
             ClassificationAnswer,
@@ -263,6 +261,6 @@ class ReadoutsAnswer(Answer):
     intended_use: str = INTENDED_USE
 
     @staticmethod
-    def of(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> ReadoutsAnswer:
+    def of(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> "ReadoutsAnswer":
         """Write read-outs out."""
         return ReadoutsAnswer(**readouts_json(readouts, ventricle))

@@ -1,7 +1,5 @@
 """Stored sequences, images and tracks, and what files said."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict
 from typing import Any, Literal
@@ -27,7 +25,7 @@ class SequenceSummary(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(record: SequenceRecord, reading: ReadingAnswer | None = None) -> SequenceSummary:
+    def of(record: SequenceRecord, reading: ReadingAnswer | None = None) -> "SequenceSummary":
         """Summarise a record of the store."""
         here = f"/v1/sequences/{record.id}"
         return read_from(
@@ -60,7 +58,7 @@ class ImagesSummary(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(record: ImagesRecord) -> ImagesSummary:
+    def of(record: ImagesRecord) -> "ImagesSummary":
         """Summarise a record."""
         here = f"/v1/images/{record.id}"
         links = {"self": here, "track": f"/v1/tracks?images={record.id}"}
@@ -83,7 +81,7 @@ class ImagesEstimate(Answer):
     """Of a shift along one axis, mm."""
 
     @staticmethod
-    def of(track: Track) -> ImagesEstimate | None:
+    def of(track: Track) -> "ImagesEstimate | None":
         """Write out what a track says of its images; None of one without."""
         own = track.images
         if own is None:
@@ -133,7 +131,7 @@ class TrackEstimate(Answer):
     """As they were used."""
 
     @staticmethod
-    def of(track: Track) -> TrackEstimate:
+    def of(track: Track) -> "TrackEstimate":
         """Write a track out, without its surfaces and amplitudes."""
         rms = np.sqrt(np.mean(track.deviations**2, axis=1))
         return read_from(
@@ -166,7 +164,7 @@ class TrackAnswer(TrackEstimate, TrackSummary):
     @staticmethod
     def joined(
         estimate: TrackEstimate, record: SequenceRecord, images_id: str | None
-    ) -> TrackAnswer:
+    ) -> "TrackAnswer":
         """Add to what was found the record of its sequence, and the images that were kept."""
         summary = _summary(record)
         if images_id is not None:

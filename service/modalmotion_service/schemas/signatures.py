@@ -1,7 +1,5 @@
 """Signatures, their distances and prices, templates."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic_core import from_json
@@ -9,6 +7,7 @@ from pydantic_core import from_json
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.modes.topology import MESH
 from modalmotion.notes import Note
+from modalmotion.representation import plain
 from modalmotion.signature.choice import SceneError, SceneKind
 from modalmotion.signature.distance import Comparison
 from modalmotion.signature.making import ModalSignature
@@ -108,7 +107,7 @@ class SignatureSummary(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(text: bytes) -> SignatureSummary:
+    def of(text: bytes) -> "SignatureSummary":
         """Summarise a signature that was written out."""
         values = from_json(text)
         return SignatureSummary(
@@ -195,7 +194,7 @@ class SignatureAnswer(Answer):
     @staticmethod
     def of(
         signature: ModalSignature, key: str | None = None, file: str | None = None
-    ) -> SignatureAnswer:
+    ) -> "SignatureAnswer":
         """Write a signature out as lists."""
         parameters = signature.parameters
         return read_from(
@@ -217,7 +216,7 @@ class SignatureAnswer(Answer):
             ),
             strain_energy=signature.strain_energy.sum(axis=1),
             price=price_of(signature),
-            choice=None if signature.choice is None else signature.choice.as_json(),
+            choice=plain(signature.choice),
             facts=FactsAnswer.of(signature.facts),
             parameters=parameters_as_json(parameters),
         )
@@ -244,7 +243,7 @@ class TemplateAnswer(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(template: Template) -> TemplateAnswer:
+    def of(template: Template) -> "TemplateAnswer":
         """Describe a template."""
         return read_from(
             TemplateAnswer,
@@ -276,7 +275,7 @@ class ModesAnswer(Answer):
     notes: list[Note]
 
     @staticmethod
-    def of(template: Template, modes: VibrationModes, with_shapes: bool) -> ModesAnswer:
+    def of(template: Template, modes: VibrationModes, with_shapes: bool) -> "ModesAnswer":
         """Write modes out."""
         return read_from(
             ModesAnswer,

@@ -9,8 +9,6 @@ The form: a sign that tells results from errors, then JSON as pydantic writes it
 base64.
 """
 
-from __future__ import annotations
-
 import json
 import types
 from collections.abc import Callable, Mapping

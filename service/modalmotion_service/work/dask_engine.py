@@ -4,8 +4,6 @@ Whoever reaches the scheduler can run code on its workers and in the service, as
 its port among your own machines, or use TLS with certificates of your own.
 """
 
-from __future__ import annotations
-
 import contextlib
 import pickle
 import threading

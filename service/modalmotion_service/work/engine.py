@@ -3,8 +3,6 @@
 Tasks wait for a process in two lanes, short work and all other, and owners take turns.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -5,8 +5,6 @@ which does nothing but wait for the answer; see `WorkerProcess` for how each wai
 future settles, whatever is killed at whatever moment.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import os
@@ -57,7 +55,7 @@ class Keeper(threading.Thread):
         Whether it takes short work alone, and gives up what is not.
     """
 
-    def __init__(self, pool: WorkerPool, *, is_lane: bool = False) -> None:
+    def __init__(self, pool: "WorkerPool", *, is_lane: bool = False) -> None:
         super().__init__(name="keeper", daemon=True)
         self._pool, self._is_lane = pool, is_lane
         self._process: WorkerProcess | None = None

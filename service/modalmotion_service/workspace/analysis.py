@@ -1,7 +1,5 @@
 """Work of one owner: tasks, files that they write, and signatures that many wait for."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence

@@ -6,8 +6,6 @@ cannot be written, a store or a cluster that is away) leads to another try; any 
 job by name. Its files are kept until one or the other.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import logging

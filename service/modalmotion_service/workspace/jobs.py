@@ -1,7 +1,5 @@
 """Jobs, and answers to repeated requests with the same key, in the store's index."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import threading

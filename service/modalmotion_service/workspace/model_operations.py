@@ -1,7 +1,5 @@
 """Operations on models, norms and tables of features: made, tested, asked."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Models: versions found by name, and sequences classified by them."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from dataclasses import dataclass, replace

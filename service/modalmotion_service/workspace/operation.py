@@ -5,8 +5,6 @@ A request is all that the work depends on; what becomes a job is written out as 
 again after a restart. Work that a client has waited for goes on for the job.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -99,7 +97,7 @@ class Request:
         return {**values, "query": self.query.model_dump(mode="json", exclude_unset=True)}
 
     @staticmethod
-    def from_json(values: Mapping[str, Any], query: type[BaseModel]) -> Request:
+    def from_json(values: Mapping[str, Any], query: type[BaseModel]) -> "Request":
         """Read what `as_json` gave."""
         stated = {"media_type": JSON, **values, "query": query(**values.get("query", {}))}
         return _REQUEST.validate_python(stated)
@@ -176,7 +174,7 @@ class State:
     training_engine: Engine
     jobs: Jobs
     idempotency: IdempotencyKeys
-    runner: Performance
+    runner: "Performance"
 
 
 Work = Callable[[State, Request, Reporter], Awaitable[Outcome]]

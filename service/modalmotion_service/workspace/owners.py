@@ -4,8 +4,6 @@ Idempotency keys, jobs, results, caches and files under way all belong to a stor
 only their own data exists; nothing shows what others have.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import shutil

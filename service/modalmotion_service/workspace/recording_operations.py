@@ -1,7 +1,5 @@
 """Sequences, templates, images and tracks: stored, shown, replaced, deleted with all mentions."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """Operations on signatures: made, shown, and all that follows from one or from many."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import asdict, replace
 from typing import Final

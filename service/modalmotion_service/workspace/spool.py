@@ -1,7 +1,5 @@
 """Uploads and unfinished results as files of the store's own disk, and the room for them."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import errno

@@ -1,7 +1,5 @@
 """Training of models: labelled sequences, looked up and checked, their signatures, the model."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from collections import Counter

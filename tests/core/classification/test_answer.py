@@ -117,6 +117,17 @@ def test_contributions_of_modes_add_up_to_those_of_their_features() -> None:
     assert strongest.amplitude == pytest.approx(np.sqrt((moving**2).sum() / len(moving)))
 
 
+def test_rounding_of_a_mode_is_no_motion_of_it() -> None:
+    model, signature = curves_model(), curves(12)[0].signature
+    open_limits = replace(model.outliers, limits=np.full_like(model.outliers.limits, np.inf))
+    amplitudes = signature.amplitudes.copy()
+    amplitudes[:, 1], amplitudes[::2, 1] = 3.0, 3.0 + 1e-15
+    still = replace(signature, amplitudes=amplitudes)
+    found = classify(still, replace(model, outliers=open_limits))
+    label = str(signature.modes.labels[1])
+    assert [part.amplitude for part in found.explanation if part.modes == (label,)] == [0.0]
+
+
 @pytest.mark.parametrize("reads", ["modes", "parts about the axis"])
 def test_a_mode_states_what_a_unit_more_of_it_would_change(reads: str) -> None:
     model, signature = curves_model(), curves(12)[0].signature

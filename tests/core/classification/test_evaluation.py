@@ -13,6 +13,7 @@ from modalmotion.classification import TrainingOptions, compare_models, evaluate
 from modalmotion.classification.cases import LeftOut
 from modalmotion.classification.evaluation import comparison_of
 from modalmotion.errors import ParameterError
+from modalmotion.representation import plain
 
 QUICK = TrainingOptions(repetitions=1)
 
@@ -37,7 +38,7 @@ def test_a_model_of_shuffled_labels_is_worse() -> None:
     assert result.auc is not None
     assert result.auc.low > 0.0
     assert result.log_loss.high < 0.0
-    assert result.as_json()["accuracy"]["p"] == result.accuracy.p
+    assert plain(result)["accuracy"]["p"] == result.accuracy.p
     assert result.only_second > result.only_first
 
 

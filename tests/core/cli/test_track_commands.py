@@ -18,7 +18,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_npz
 from modalmotion.formats.ply import read_ply
 from modalmotion.formats.volumes import read_images, write_nifti_zip
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.tracking.hdf5 import track_from_hdf5
 from modalmotion.tracking.landmarks import read_landmark_file
@@ -143,6 +143,20 @@ def test_simulated_images_come_with_their_truth(tmp_path: Path) -> None:
     marks = read_landmark_file((tmp_path / "a.landmarks.json").read_bytes())
     base = marks.for_points("LPS", "mm")["base"]
     assert np.ravel(base)[:3] == pytest.approx(truth.vertices[0, -64:].mean(axis=0), abs=1e-3)
+
+
+def test_a_simulated_label_map_is_read_with_no_option(tmp_path: Path) -> None:
+    pytest.importorskip("nibabel")
+    words = ["simulate", "--image", "labels", "--frames", "4", "-o", str(tmp_path / "map.nii.gz")]
+    assert CliRunner().invoke(main, words).exit_code == 0
+    values = {}
+    for name in ("map.nii.gz", "map.truth.npz"):
+        result = CliRunner().invoke(main, ["readouts", str(tmp_path / name), "--json"])
+        assert result.exit_code == 0, result.output
+        values[name] = json.loads(result.stdout)["from_signature"]["ejection_fraction"]
+    found, truth = values["map.nii.gz"], values["map.truth.npz"]
+    assert found["low"] < truth["value"] < found["high"]
+    assert found["high"] - found["low"] < 12.0
 
 
 def test_a_label_map_is_tracked_with_no_landmark(tmp_path: Path) -> None:

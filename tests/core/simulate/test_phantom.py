@@ -9,6 +9,7 @@ import pytest
 
 from modalmotion.errors import ParameterError
 from modalmotion.images import PlaneSet, Volume
+from modalmotion.mesh import Cavity
 from modalmotion.simulate import ImageKind, PhantomSettings, VentricleParameters, simulate_images
 from modalmotion.simulate.phantom import Phantom
 
@@ -44,6 +45,18 @@ def test_the_edge_of_blood_and_wall_lies_at_the_truth(ct: Phantom) -> None:
     assert at[-4.0] == pytest.approx(1000.0, rel=0.02)
     assert at[4.0] == pytest.approx(450.0, rel=0.02)
     assert at[0.0] == pytest.approx(725.0, rel=0.1)
+
+
+def test_a_label_map_has_the_cavity_that_is_drawn() -> None:
+    phantom = taken("labels", seed=4)
+    frame = phantom.images.frames[0]
+    assert isinstance(frame, Volume)
+    assert set(np.unique(frame.values)) == {0, 1, 2, 3}
+    truth = Cavity(phantom.truth.faces)
+    found = (frame.values == 3).sum() * abs(np.linalg.det(frame.affine[:, :3]))
+    assert found == pytest.approx(
+        truth.volume(phantom.truth.vertices.astype(np.float64))[0], rel=0.06
+    )
 
 
 def test_papillary_muscles_are_in_the_pool_and_as_large_as_is_said(ct: Phantom) -> None:

@@ -25,7 +25,7 @@ def test_its_code_runs() -> None:
     namespace: dict[str, object] = {}
     for block in blocks("python"):
         exec(block, namespace)  # noqa: S102 (our own document)
-    assert "amplitude" in str(namespace["dataset"])
+    assert "amplitude" in str(namespace["table"])
 
 
 def test_its_commands_run(tmp_path: Path) -> None:

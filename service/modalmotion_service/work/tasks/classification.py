@@ -1,7 +1,5 @@
 """Classes named by models, models measured, norms made and asked, features tabulated."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache

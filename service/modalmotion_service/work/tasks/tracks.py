@@ -1,7 +1,5 @@
 """Surfaces tracked through clouds, contours, meshes and images; tracks described and drawn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final

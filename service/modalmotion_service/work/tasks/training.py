@@ -1,7 +1,5 @@
 """What a worker does to train a model. Like every task it carries paths and may run twice."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
