@@ -323,7 +323,7 @@ def _numbers(lines: Sequence[bytes], delimiter: str | None, n_columns: int) -> F
             rows = np.loadtxt(lines, delimiter=delimiter, usecols=range(n_columns), ndmin=2)
     except ValueError as error:
         raise MalformedFileError(
-            f"A cell is no number, or missing ({str(error)[:60]}).",
+            f"A cell is not a number, or missing ({str(error)[:60]}).",
             remedy="Write x, y and z of one point per line; in a table of all frames beside them "
             "frame, or time (s).",
         ) from error
