@@ -30,7 +30,6 @@ from modalmotion.cli.options import (
 )
 from modalmotion.errors import InputError, ParameterError, StoreError
 from modalmotion.exports.files import SURFACES, save
-from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.formats.detect import STREAM
 from modalmotion.hdf5.image import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
@@ -44,8 +43,6 @@ if TYPE_CHECKING:
     from modalmotion.exports.tables import Table
     from modalmotion.mesh.sequence import MeshSequence
     from modalmotion.signature.making import ModalSignature, SignatureParameters
-
-_WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
 
 
 @command("encode beat.npz -o beat.mms --max-error 0.1")
@@ -94,7 +91,7 @@ def encode(
 @click.argument("stream", type=EXISTING_FILE)
 def decode(
     stream: Path,
-    output: Annotated[Path, OutputFile(*_WRITERS)],
+    output: Annotated[Path, OutputFile(*SURFACES)],
     first: int | None = None,
     stop: int | None = None,
 ) -> Any:
@@ -103,7 +100,7 @@ def decode(
     Parameters
     ----------
     output
-        File to write: .npz, .vtkhdf or .raw (float32).
+        File to write: .npz, .h5, .vtkhdf, .glb, .zip (PLY) or .raw (float32).
     first
         First frame.
     stop
@@ -112,13 +109,12 @@ def decode(
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect
 
-    write = _WRITERS[output.suffix.lower()]
     data = stream.read_bytes()
     with naming(stream):
         n_frames = inspect(data).n_frames
     frames = range(first or 0, n_frames if stop is None else stop)
     sequence = expand(data, frames=frames)
-    write_atomic(output, write(sequence))
+    save(sequence, output)
     return members(sequence, *SEQUENCE)
 
 

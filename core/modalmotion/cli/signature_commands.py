@@ -25,7 +25,6 @@ from modalmotion.cli.options import (
     surface_options,
     write_picture,
 )
-from modalmotion.errors import TopologyError
 from modalmotion.exports.signature_pack import (
     SUFFIXES,
     write_superposed,
@@ -77,7 +76,7 @@ def signature(
             with watch.stage("picture" if path.suffix.lower() in PICTURES else "write"):
                 _write(path, sequence, result)
     price = price_of(result, waiting.milliseconds())
-    return summary(result, price), _lines(result, sequence, price if verbose else None)
+    return summary(result, price), _lines(result, price if verbose else None)
 
 
 def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
@@ -120,23 +119,6 @@ def reconstruct(
     return members(result, "n_frames", "rms_error", "unit")
 
 
-def _volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
-    """Write volume and ejection fraction; nothing if the surface encloses nothing."""
-    from modalmotion.clinical import clinical_readouts
-
-    try:
-        readouts = clinical_readouts(signature, sequence)
-    except TopologyError:
-        return []
-    curve, factor = readouts.stated, readouts.shown_in
-    large, small = curve.end_diastolic_volume * factor, curve.end_systolic_volume * factor
-    lines = [f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {readouts.volume_unit}"]
-    if curve.fraction is not None and curve.share_range is not None:
-        low, high = curve.share_range
-        lines.append(f"{curve.fraction.words} {curve.share:.1f} % ({low:.1f} to {high:.1f})")
-    return lines + [f"note: {note}" for note in readouts.notes if signature.n_frames > 1]
-
-
 def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     """Return the summary numbers of a signature."""
     largest = ("motion_rms", "weighted_motion_rms")
@@ -156,7 +138,7 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     }
 
 
-def _lines(result: ModalSignature, sequence: MeshSequence, price: Price | None) -> Iterator[str]:
+def _lines(result: ModalSignature, price: Price | None) -> Iterator[str]:
     unit, motion = result.unit or "length units", float(result.motion_rms.max())
     yield (
         f"{result.surface}, {counted(result.n_frames, 'frame')}, "
@@ -188,7 +170,6 @@ def _lines(result: ModalSignature, sequence: MeshSequence, price: Price | None) 
         yield f"  ... and {len(spectrum) - 20} more"
     if price is not None:
         yield from described({"price": asdict(price)})
-    yield from _volume_lines(result, sequence)
     yield from (f"note: {note}" for note in result.notes)
 
 

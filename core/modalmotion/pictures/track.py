@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.images.sequence import Image
+from modalmotion.images.volume import Image
 from modalmotion.mesh.geometry import Edges
 from modalmotion.pictures.view import new_figure, shown_unit, size_of, tilted, upright
 from modalmotion.representation import Floats, numeral

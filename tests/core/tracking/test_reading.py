@@ -157,7 +157,9 @@ def test_what_cannot_be_read_names_frame_and_file(tmp_path: Path) -> None:
         read_observed(tmp_path)
     (tmp_path / "a_1.xyz").write_text("1 2 3\n")
     (tmp_path / "a_2.xyz").write_text("1 2 3\n4 five 6\n")
-    with pytest.raises(InputError, match=r"Frame 1 \('a_2.xyz'\): A cell is not a number") as caught:
+    with pytest.raises(
+        InputError, match=r"Frame 1 \('a_2.xyz'\): A cell is not a number"
+    ) as caught:
         read_observed(tmp_path)
     assert caught.value.frame == 1
     (tmp_path / "a_2.xyz").write_text("1 2 3\nnan 0 0\n")
