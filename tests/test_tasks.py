@@ -12,7 +12,7 @@ from ellipsoid_images import labels
 
 import modalmotion as mm
 from modalmotion.arguments.checking import OF_ANSWERS
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.images import ImageSequence
 
 LINES = re.findall(r"^(\w+) +``(.+?)``", mm.__doc__ or "", flags=re.MULTILINE)

@@ -148,10 +148,6 @@ WORDS: Final = {
         "The noise is that of the stored numbers, {size} a coordinate; no other shows, so modes "
         "are added until they describe rounding. Ask by tolerance for fewer."
     ),
-    "between_frames": (
-        "Between frames each coordinate may be off by {distance} {unit} (standard deviation, RMS "
-        "over the surface, at worst), found by leaving out frames."
-    ),
     "ends_proposed": "Apex and base were proposed from the labels.",
     "landmark_outside": (
         "The landmark {landmark} is {distance:.0f} mm outside what is labelled in frame {frame}: "
@@ -379,10 +375,6 @@ WORDS: Final = {
     "deletions_unknown": (
         "What was deleted after {since} is in {folder} again: nothing here shows what that was. "
         "Remains of the old folder may: name them with --deletions."
-    ),
-    "published_errors": (
-        "Published end-point errors are {mm} mm, of other recordings and landmarks; distances "
-        "along the normal do not see motion within the surface and are smaller."
     ),
 }
 """Texts of notes by their codes, with the names of their data."""

@@ -13,7 +13,7 @@ import numpy as np
 from dicom_samples import slice_file
 from format_samples import zipped
 
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.images import ImageSequence, Volume
 
 

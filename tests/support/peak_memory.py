@@ -7,20 +7,28 @@ import os
 import resource
 import sys
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
 from modalmotion.errors import InputError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_sequence
-from modalmotion.formats.parser_child import answer_next, prepare
+from modalmotion.formats.parser_child import answer_next, parser_of
 from modalmotion.formats.volumes.reading import kind_of_image
 
-TASKS = ("nifti", "nrrd", "metaimage", "dicom", "hdf5")
+# With what each imports in turn, which is no part of a file's memory.
+TASKS = {
+    "nifti": ["nibabel"],
+    "nrrd": ["nrrd"],
+    "metaimage": [],
+    "dicom": ["pydicom.pixels"],
+    "hdf5": ["h5py", "encodings.ascii"],
+}
 
 
 def parsed(task: str, data: bytes) -> str:
     """Do what a parser's process does with a file: parse it, and send the answer away."""
-    request = {"task": task, "bytes": len(data), "limits": asdict(DEFAULT_LIMITS), "seconds": None}
+    request = {"task": task, "bytes": len(data), "limits": asdict(DEFAULT_LIMITS), "seconds": 3600}
     header = json.dumps(request).encode()
     pieces = iter((len(header).to_bytes(8, "little"), header, data))
     source = SimpleNamespace(read=lambda _: next(pieces))
@@ -61,8 +69,10 @@ def peak_of(path: Path) -> tuple[str, int]:
 
 
 def main(*paths: str) -> int:
-    for task in TASKS:
-        prepare(task)
+    for task, libraries in TASKS.items():
+        parser_of(task)
+        for library in libraries:
+            import_module(library)
     for path in paths:
         said, grown = peak_of(Path(path))
         sys.stdout.write(f"{Path(path).name}\t{said}\t{grown}\n")

@@ -31,8 +31,7 @@ from modalmotion.errors import (
     UnlikeCasesError,
     named,
 )
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Contents, Dataset, json_text
+from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
 from modalmotion.mesh import UNKNOWN
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.mesh.spring_modes import Modes, common_count

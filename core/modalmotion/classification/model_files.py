@@ -25,8 +25,7 @@ from modalmotion.classification.motion_features import Extractor
 from modalmotion.classification.outliers import CHECKS, PLACE, OutlierDetector
 from modalmotion.classification.performance import CrossValidation
 from modalmotion.errors import CorruptFileError, NotFoundError
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Contents, Dataset, json_text
+from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
 from modalmotion.mesh import Facts
 from modalmotion.notes import notes_from_json
 from modalmotion.representation import shown

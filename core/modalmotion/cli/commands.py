@@ -17,13 +17,13 @@ import click
 from modalmotion.errors import ModalMotionError, needs_extra
 
 _OF_MODULES: Final = {
-    "clinical_commands": "norm readouts score",
+    "clinical_commands": "norm readouts",
     "cohort_command": "cohort",
     "file_commands": "convert decode encode show table",
-    "model_commands": "card classify compare-models evaluate features train",
+    "model_commands": "card classify evaluate features train",
     "modes_commands": "animate modes",
     "report_commands": "dicom report view",
-    "signature_commands": "reconstruct resample signature tradeoff",
+    "signature_commands": "reconstruct signature tradeoff",
     "simulate_command": "simulate simulate-cohort",
     "store_commands": "store",
     "track_commands": "segment track",

@@ -30,9 +30,8 @@ from modalmotion.cli.options import (
 )
 from modalmotion.errors import InputError, ParameterError, StoreError
 from modalmotion.exports.files import SURFACES, save
-from modalmotion.formats import write_npz, write_raw, write_vtkhdf
 from modalmotion.formats.detect import STREAM
-from modalmotion.hdf5.form import form_of
+from modalmotion.hdf5.image import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.notes import notes_as_json
 from modalmotion.store import write_atomic
@@ -45,8 +44,6 @@ if TYPE_CHECKING:
     from modalmotion.mesh.sequence import MeshSequence
     from modalmotion.signature.making import ModalSignature, SignatureParameters
 
-_WRITERS = {".npz": write_npz, ".vtkhdf": write_vtkhdf, ".raw": write_raw}
-
 
 @command("encode beat.npz -o beat.mms --max-error 0.1")
 @sequence_argument
@@ -55,11 +52,10 @@ def encode(
     output: Annotated[Path, OutputFile()],
     rms: float | None = None,
     max_error: float | None = None,
-    n_bytes: Annotated[int | None, {"flag": "bytes"}] = None,
     effort: Literal["fast", "balanced"] = "balanced",
     **options: Any,
 ) -> Any:
-    """Compress the sequence in FILE at a given error (in its unit) or size.
+    """Compress the sequence in FILE at a given error, in its unit.
 
     Without either, the largest error is 0.3 % of the diagonal of its bounding box.
 
@@ -71,8 +67,6 @@ def encode(
         Largest RMS distance of the vertices, in their unit.
     max_error
         Largest error of any vertex, in its unit.
-    n_bytes
-        Largest size of the stream.
     effort
         Number of transforms tried: fast takes a third of the time and more bits.
     """
@@ -84,7 +78,6 @@ def encode(
             sequence,
             rms=rms,
             max_error=max_error,
-            n_bytes=n_bytes,
             effort=effort,
             progress=show,
         )
@@ -98,48 +91,31 @@ def encode(
 @click.argument("stream", type=EXISTING_FILE)
 def decode(
     stream: Path,
-    output: Annotated[Path, OutputFile(*_WRITERS)],
+    output: Annotated[Path, OutputFile(*SURFACES)],
     first: int | None = None,
     stop: int | None = None,
-    first_vertex: int | None = None,
-    stop_vertex: int | None = None,
 ) -> Any:
-    """Decode a compressed STREAM, or some of its frames and vertices.
-
-    Selected vertices come with the triangles between them.
+    """Decode a compressed STREAM, or some of its frames.
 
     Parameters
     ----------
     output
-        File to write: .npz, .vtkhdf or .raw (float32).
+        File to write: .npz, .h5, .vtkhdf, .glb, .zip (PLY) or .raw (float32).
     first
         First frame.
     stop
         Frame after the last.
-    first_vertex
-        First vertex.
-    stop_vertex
-        Vertex after the last.
     """
     from modalmotion.codec import decode as expand
     from modalmotion.codec import inspect
 
-    write = _WRITERS[output.suffix.lower()]
     data = stream.read_bytes()
     with naming(stream):
-        header = inspect(data)
-    frames = _span(first, stop, header.n_frames)
-    vertices = _span(first_vertex, stop_vertex, header.n_vertices)
-    sequence = expand(data, frames=frames, vertices=vertices)
-    write_atomic(output, write(sequence))
+        n_frames = inspect(data).n_frames
+    frames = range(first or 0, n_frames if stop is None else stop)
+    sequence = expand(data, frames=frames)
+    save(sequence, output)
     return members(sequence, *SEQUENCE)
-
-
-def _span(first: int | None, stop: int | None, n: int) -> range | None:
-    """Make the range between two ends; None without either."""
-    if first is None and stop is None:
-        return None
-    return range(first or 0, n if stop is None else stop)
 
 
 @command("convert frames/ beat.vtkhdf --unit mm")

@@ -1,10 +1,9 @@
-"""Commands of models: train, evaluate, compare, classify, and tables of features."""
+"""Commands of models: train, evaluate, classify, and tables of features."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -26,7 +25,6 @@ from modalmotion.cli.options import (
     surface_options,
     write_picture,
 )
-from modalmotion.notes import Note
 from modalmotion.representation import numeral, plain, probability
 
 if TYPE_CHECKING:
@@ -77,10 +75,15 @@ def evaluate(
         Table to write: probabilities of each case, held out (.csv).
     """
     from modalmotion.classification import evaluate as test
+    from modalmotion.classification.cases import left_out_notes
     from modalmotion.store import write_atomic
 
-    asked = partial(test, model_named(model))
-    result, notes = _asked(sources, unit, skip_unreadable, asked, coverage)
+    files = labelled_files(sources, skip_unreadable=skip_unreadable)
+    cases = [LabelledSequence(file, {"unit": unit}) for file in files]
+    left_out: list[LeftOut] | None = [] if skip_unreadable else None
+    with counting("cases") as show:
+        result = test(model_named(model), cases, coverage, progress=show, left_out=left_out)
+    notes = list(left_out_notes(left_out or ()))
     if plot is not None:
         from modalmotion.pictures.classification import evaluation_figure
 
@@ -90,56 +93,6 @@ def evaluate(
     answer = plain(result)
     said = {**answer, "cases": None, "confusion": _confusion(result.classes, result.confusion)}
     return {**answer, "left_out": notes}, described({**said, "left_out": notes})
-
-
-def _asked(
-    sources: tuple[Path, ...],
-    unit: str | None,
-    skips: bool,
-    ask: Callable[..., Any],
-    coverage: float,
-) -> tuple[Any, list[Note]]:
-    """Put labelled sequences to models; gives what was left out on request, too."""
-    from modalmotion.classification.cases import left_out_notes
-
-    files = labelled_files(sources, skip_unreadable=skips)
-    cases = [LabelledSequence(file, {"unit": unit}) for file in files]
-    left_out: list[LeftOut] = []
-    with counting("cases") as show:
-        result = ask(cases, coverage, progress=show, left_out=left_out if skips else None)
-    return result, list(left_out_notes(left_out))
-
-
-@command("compare-models mine.h5 other.h5 cases.csv")
-@click.argument("first", metavar="MODEL")
-@click.argument("second", metavar="OTHER")
-@labelled_sources
-def compare_models(
-    first: str,
-    second: str,
-    sources: tuple[Path, ...],
-    skip_unreadable: bool,
-    unit: str | None = None,
-    coverage: Coverage = 0.9,
-) -> Any:
-    """Compare two models on the same labelled sequences.
-
-    MODEL and OTHER are each a file or a name. MANIFEST and FILES are as for training, of subjects
-    that neither model was trained on. Cases of one subject count together.
-
-    Parameters
-    ----------
-    unit
-        Length unit of all files; overrides their own.
-    coverage
-        Probability that the class set contains the true class.
-    """
-    from modalmotion.classification import compare_models as compare
-
-    asked = partial(compare, model_named(first), model_named(second))
-    result, notes = _asked(sources, unit, skip_unreadable, asked, coverage)
-    answer = {**plain(result), "left_out": notes}
-    return answer, described({**answer, "evaluations": None})
 
 
 @command("classify beat.npz --model mine.h5")

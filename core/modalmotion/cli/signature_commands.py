@@ -1,4 +1,4 @@
-"""Commands of modal signatures: fit, reconstruct, resample, and the trade-off of their size."""
+"""Commands of modal signatures: fit, reconstruct, and the trade-off of their size."""
 
 from __future__ import annotations
 
@@ -25,12 +25,9 @@ from modalmotion.cli.options import (
     surface_options,
     write_picture,
 )
-from modalmotion.errors import TopologyError
 from modalmotion.exports.signature_pack import (
     SUFFIXES,
-    SurfaceFormat,
     write_superposed,
-    write_surfaces,
 )
 from modalmotion.mesh import facts_as_json
 from modalmotion.mesh.sequence import MeshSequence
@@ -41,7 +38,6 @@ from modalmotion.signature import (
     Tradeoff,
     measure_tradeoff,
     price_of,
-    reconstruction,
 )
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.signature.tradeoff import as_plain
@@ -80,7 +76,7 @@ def signature(
             with watch.stage("picture" if path.suffix.lower() in PICTURES else "write"):
                 _write(path, sequence, result)
     price = price_of(result, waiting.milliseconds())
-    return summary(result, price), _lines(result, sequence, price if verbose else None)
+    return summary(result, price), _lines(result, price if verbose else None)
 
 
 def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
@@ -123,23 +119,6 @@ def reconstruct(
     return members(result, "n_frames", "rms_error", "unit")
 
 
-def _volume_lines(signature: ModalSignature, sequence: MeshSequence) -> list[str]:
-    """Write volume and ejection fraction; nothing if the surface encloses nothing."""
-    from modalmotion.clinical import clinical_readouts
-
-    try:
-        readouts = clinical_readouts(signature, sequence)
-    except TopologyError:
-        return []
-    curve, factor = readouts.stated, readouts.shown_in
-    large, small = curve.end_diastolic_volume * factor, curve.end_systolic_volume * factor
-    lines = [f"volume {numeral(large, 1)} to {numeral(small, 1, of=large)} {readouts.volume_unit}"]
-    if curve.fraction is not None and curve.share_range is not None:
-        low, high = curve.share_range
-        lines.append(f"{curve.fraction.words} {curve.share:.1f} % ({low:.1f} to {high:.1f})")
-    return lines + [f"note: {note}" for note in readouts.notes if signature.n_frames > 1]
-
-
 def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     """Return the summary numbers of a signature."""
     largest = ("motion_rms", "weighted_motion_rms")
@@ -159,7 +138,7 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     }
 
 
-def _lines(result: ModalSignature, sequence: MeshSequence, price: Price | None) -> Iterator[str]:
+def _lines(result: ModalSignature, price: Price | None) -> Iterator[str]:
     unit, motion = result.unit or "length units", float(result.motion_rms.max())
     yield (
         f"{result.surface}, {counted(result.n_frames, 'frame')}, "
@@ -191,48 +170,7 @@ def _lines(result: ModalSignature, sequence: MeshSequence, price: Price | None) 
         yield f"  ... and {len(spectrum) - 20} more"
     if price is not None:
         yield from described({"price": asdict(price)})
-    yield from _volume_lines(result, sequence)
     yield from (f"note: {note}" for note in result.notes)
-
-
-_SUFFIXES = {suffix: kind for suffix, kind in SUFFIXES.items() if kind != SurfaceFormat.GLB}
-
-
-@command("resample beat.npz --phase 0.37 -o systole.npz")
-@sequence_argument
-def resample(
-    source: Path,
-    output: Annotated[Path, OutputFile(*_SUFFIXES)],
-    phases: Annotated[tuple[float, ...], {"flag": "phase"}] = (),
-    frames: Annotated[int | None, click.IntRange(2)] = None,
-    **options: Any,
-) -> Any:
-    """Write the surface in FILE at any phase of its cycle, with its deviation.
-
-    Parameters
-    ----------
-    output
-        File to write: .npz, .vtkhdf or .zip (of PLY).
-    phases
-        Share of the cycle, 0 to 1.
-    frames
-        Instead of phases: number of even steps.
-    """
-    if bool(phases) == (frames is not None):
-        raise click.UsageError("Give one of --phase and --frames.")
-    with Waiting(source) as waiting:
-        with waiting.watch.stage("read"):
-            sequence = read(source, **options)
-        with waiting.watch.stage("resample"):
-            result = reconstruction.resample(
-                sequence, frames if frames is not None else sorted(phases)
-            )
-        with waiting.watch.stage("write"):
-            kind = _SUFFIXES[output.suffix.lower()]
-            fields = {"deviation": result.deviations} if kind == SurfaceFormat.VTKHDF else None
-            write_atomic(output, write_surfaces(result.sequence, kind, fields))
-    names = ("phases", "rms_deviations", "interpolation", "sequence.unit")
-    return {**members(result, *names), "notes": [reconstruction.note_on(result)]}
 
 
 @command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")

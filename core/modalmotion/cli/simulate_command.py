@@ -21,7 +21,7 @@ from modalmotion.cli.options import (
     options_of,
 )
 from modalmotion.formats import write_npz
-from modalmotion.formats.volumes.nifti import write_nifti, write_nifti_zip
+from modalmotion.formats.volumes.one_file import write_nifti, write_nifti_zip
 from modalmotion.representation import csv_text
 from modalmotion.simulate import (
     Acquisition,

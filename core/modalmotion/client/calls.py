@@ -10,8 +10,18 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Final, Generic, TypeVar, cast
 
-from modalmotion.client.bodies import Option, body_of, json_body, plain, segment
-from modalmotion.client.connection import JSON, Answer, Call, Connection, retry_after
+from modalmotion.client.connection import (
+    JSON,
+    Answer,
+    Call,
+    Connection,
+    Option,
+    body_of,
+    json_body,
+    plain,
+    retry_after,
+    segment,
+)
 from modalmotion.client.errors import (
     BrokenAnswerError,
     JobCancelledError,

@@ -10,9 +10,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from modalmotion.client.bodies import Option, Source, body_of, json_body, segment
 from modalmotion.client.calls import Job, call, parted, posted, status_of
-from modalmotion.client.connection import JSON, Answer, Call
+from modalmotion.client.connection import (
+    JSON,
+    Answer,
+    Call,
+    Option,
+    Source,
+    body_of,
+    json_body,
+    segment,
+)
 from modalmotion.client.errors import RemoteError, UnreachableError
 from modalmotion.client.recordings import Recording, Recordings, track_call
 from modalmotion.client.values import (

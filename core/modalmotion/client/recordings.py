@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from modalmotion.client.bodies import Option, Source, body_of, json_body, plain, segment
 from modalmotion.client.calls import (
     Caller,
     Job,
@@ -21,7 +20,16 @@ from modalmotion.client.calls import (
     signature_call,
     signature_of,
 )
-from modalmotion.client.connection import Answer, Call
+from modalmotion.client.connection import (
+    Answer,
+    Call,
+    Option,
+    Source,
+    body_of,
+    json_body,
+    plain,
+    segment,
+)
 from modalmotion.client.errors import understood
 from modalmotion.client.values import (
     HDF5,
@@ -279,13 +287,13 @@ class Recordings(Caller):
         source : path, bytes or MeshSequence
         progress : callable, optional
         **options
-            One of rms, max_error (length unit of the sequence) and bytes; effort; and how to
-            read the file.
+            One of rms and max_error (length unit of the sequence); effort; and how to read the
+            file.
         """
 
     @call("GET /v1/sequences/{sequence_id}/encoded", STREAM)
     def encoded(self, sequence_id: str, **options: Option) -> Info:
-        """Return a stored sequence as a compressed stream: rms, max_error or bytes; effort."""
+        """Return a stored sequence as a compressed stream: rms or max_error; effort."""
 
     @call("POST /v1/decode", NPZ)
     def decode(
@@ -298,8 +306,7 @@ class Recordings(Caller):
         source : path or bytes
         progress : callable, optional
         **options
-            first and stop: frames; first_vertex and stop_vertex: vertices, with the triangles
-            between them.
+            first and stop: frames.
         """
 
     @call("POST /v1/templates")

@@ -19,9 +19,6 @@ LEVELS: Final = (1 / 6, 1 / 2, 5 / 6)
 WALLS: Final = 4
 """Landmarks: four around, at the middles of three thirds of the wall from apex to base."""
 
-PUBLISHED: Final = "2.9, 2.14, 1.96, 1.49"
-"""End-point errors in publications, mm, of other recordings and landmarks."""
-
 
 @shown(
     "end_point_end_systole", "along_normal", "ejection_fraction", "gls", "gcs", "inside", "stated"
@@ -80,7 +77,7 @@ def score(truth: MeshSequence, answer: MeshSequence, deviations: Floats | None =
     if truth.n_frames != answer.n_frames:
         raise ShapeError(
             f"The truth has {truth.n_frames} frames and the answer {answer.n_frames}.",
-            remedy="Give both at the same instants: see `modalmotion resample`.",
+            remedy="Give both at the same instants: see `modalmotion.resample`.",
         )
     if deviations is not None and deviations.shape != answer.vertices.shape[:2]:
         raise ShapeError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -31,10 +30,9 @@ def decode(
     data: bytes,
     *,
     frames: range | None = None,
-    vertices: range | Ints | None = None,
     limits: ReadLimits = DECODE_LIMITS,
 ) -> MeshSequence:
-    """Decode a stream, or some of its frames and vertices.
+    """Decode a stream, or some of its frames.
 
     Parameters
     ----------
@@ -42,9 +40,6 @@ def decode(
         A stream that `encode` wrote.
     frames : range, optional
         Frames to decode, in steps of 1; only the blocks that contain them are read.
-    vertices : range or (n,) int, optional
-        Numbers of the vertices to return, each once, in any order. The sequence has these vertices
-        in this order, the triangles between them, and no lattice.
     limits : ReadLimits, optional
         Largest sequence to accept, compared with the sizes that the stream declares.
 
@@ -56,7 +51,7 @@ def decode(
     LimitError
         If the stream declares more than the limits accept.
     ParameterError
-        If the stream does not have these frames or vertices.
+        If the stream does not have these frames.
     """
     header, position = read_header(data, limits)
     span = range(header.n_frames) if frames is None else frames
@@ -66,16 +61,12 @@ def decode(
             f"stream of {header.n_frames}.",
             remedy=f"Ask for a range within 0 to {header.n_frames}, in steps of 1.",
         )
-    where = None if vertices is None else _require_vertices(vertices, header.n_vertices)
     faces, position = _read_faces(data, position, header)
     parts = [
         positions[max(0, span.start - first) : span.stop - first]
         for first, positions in _blocks(data, position, header, faces, span)
     ]
     positions: FloatArray = np.concatenate(parts)  # type: ignore[assignment]
-    if where is not None:
-        header, positions = replace(header, grid=None, topology=None), positions[:, where]
-        faces = _faces_between(faces, where, header.n_vertices)
     times = None if header.times is None else header.times[span.start : span.stop]
     return mesh_sequence(
         given_up(positions),
@@ -85,36 +76,6 @@ def decode(
         times=times,
         unit=header.unit,
     )
-
-
-def _require_vertices(vertices: range | Ints, n_vertices: int) -> Ints:
-    """Numbers of vertices that a stream has, each once."""
-    ends = (vertices[0], vertices[-1]) if isinstance(vertices, range) and vertices else (0, 0)
-    # A range may be longer than memory.
-    where = np.asarray(vertices if all(0 <= end < n_vertices for end in ends) else ())
-    if (
-        where.ndim != 1
-        or not len(where)
-        or not np.issubdtype(where.dtype, np.integer)
-        or not 0 <= int(where.min()) <= int(where.max()) < n_vertices
-        or len(np.unique(where)) < len(where)
-    ):
-        what = "These vertices"
-        if isinstance(vertices, range):
-            what = f"The vertices {vertices.start} to {vertices.stop} in steps of {vertices.step}"
-        raise ParameterError(
-            f"{what} are not some of the {n_vertices} of the stream, each once.",
-            remedy=f"Ask for different whole numbers from 0 to {n_vertices - 1}.",
-        )
-    return where.astype(np.int64)
-
-
-def _faces_between(faces: Ints, where: Ints, n_vertices: int) -> Ints:
-    """Triangles all of whose corners are there, by their places."""
-    place = np.full(n_vertices, -1, dtype=np.int64)
-    place[where] = np.arange(len(where))
-    there = place[faces]
-    return there[(there >= 0).all(axis=1)]
 
 
 def inspect(data: bytes, *, limits: ReadLimits = DECODE_LIMITS) -> Header:

@@ -12,8 +12,7 @@ import numpy as np
 
 from modalmotion.errors import LimitError, ParameterError
 from modalmotion.formats.glb_writing import MorphAnimation
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.hdf5.image import Dataset, Form, json_text
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence

@@ -19,7 +19,7 @@ from modalmotion.exports.reading import PICTURES, picture_bytes, read, write_pic
 from modalmotion.exports.tables import amplitude_table
 from modalmotion.formats.detect import STREAM
 from modalmotion.formats.glb_writing import frame_animation
-from modalmotion.hdf5.form import form_of
+from modalmotion.hdf5.image import form_of
 from modalmotion.hdf5.sealed import SIGNATURE
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm, norm_from_hdf5, norm_to_hdf5

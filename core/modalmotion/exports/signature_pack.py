@@ -20,7 +20,7 @@ from modalmotion.errors import (
     StoreError,
 )
 from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
-from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Form
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.scales import lengths
 from modalmotion.progress import Reporter, reported

@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Final
 
 from modalmotion.errors import MalformedFileError
-from modalmotion.formats.text_meshes import KEYWORDS, OFF_KEYWORD, cut_short, is_binary_stl
+from modalmotion.formats.text_meshes import KEYWORDS, OFF_KEYWORD, is_binary_stl
 from modalmotion.hdf5.sealed import SIGNATURE
 
 
@@ -156,16 +156,10 @@ def unknown_format(data: bytes) -> MalformedFileError:
     for pattern, what, remedy in _OTHERS:
         if re.match(pattern, data):
             return MalformedFileError(f"The file is {what}, which cannot be read.", remedy=remedy)
-    if (declared := cut_short(data)) is not None:
-        return MalformedFileError(
-            f"These {len(data)} bytes have no recognised format; as binary STL they would be "
-            f"{declared} bytes.",
-            remedy="If it is an STL file, it was cut short: send it again.",
-        )
     return MalformedFileError(f"Unrecognised file format ({len(data)} bytes).", remedy=_REMEDY)
 
 
 _REMEDY: Final = (
     "Send npz, VTKHDF, a zip of frames (STL, PLY, OBJ, OFF, VTK), GLB with morph targets, or raw "
-    "float32 with its shape stated."
+    "float32 with its shape stated. Binary STL that was cut short is not recognised."
 )

@@ -1,13 +1,12 @@
-"""GLB in: morph targets whose weights move, on nodes that may move as well (glTF 2.0).
+"""GLB in: morph targets whose weights move, in one mesh that may move as a whole (glTF 2.0).
 
-Positions are evaluated at the keyframes of what moves a mesh. What a file names is counted as it
+Positions are evaluated at the keyframes of what moves the mesh. What a file names is counted as it
 is used: a few bytes may name the same part again and again.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from functools import partial
 from typing import Any, Final, NamedTuple
 
@@ -15,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError, LimitError, MalformedFileError, ParameterError
+from modalmotion.errors import InputError, MalformedFileError, ParameterError
 from modalmotion.formats.glb_writing import BINARY, JSON, MAGIC, OURS, VERSION
 from modalmotion.formats.result import Reading, reading_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
@@ -34,10 +33,6 @@ _TYPES: Final[dict[object, str]] = dict(
 _SIZES: Final[dict[object, int]] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _COMPONENTS: Final = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
 
-# Nodes, meshes, their parts and arrays, each time that one is used.
-_MOST_PARTS: Final = 20_000
-# A node that shows a mesh takes as long as this many other parts.
-_SHOWN: Final = 20
 # Bytes in memory for each byte of the file: a few shapes may move over a thousand frames.
 _UNFOLDING: Final = 200
 
@@ -64,13 +59,14 @@ def read_glb(
     Returns
     -------
     Reading
-        All meshes of the scene as one, in its order. The unit is the metre by the format's
-        definition, unless the file is our own and states another.
+        The one mesh of the scene. The unit is the metre by the format's definition, unless the
+        file is our own and states another.
 
     Raises
     ------
     MalformedFileError
-        If it cannot be read, names data elsewhere, is compressed, or is moved by a skeleton.
+        If it cannot be read, has several meshes, names data elsewhere, is compressed, or is moved
+        by a skeleton.
     LimitError
         If it declares more than `limits` accept.
     ParameterError
@@ -124,26 +120,18 @@ class File:
             raise _malformed(f"The GLB file's {what}.") from error
         self.binary = parts.get(BINARY, memoryview(b""))
         self.limits = limits.of_file(len(data), _UNFOLDING)
-        self._n_parts = self._n_bytes = 0
+        self._n_bytes = 0
 
-    def hold(self, n_bytes: int, n_parts: int = 1) -> None:
-        """Count parts and the memory that they take.
+    def hold(self, n_bytes: int) -> None:
+        """Count the memory that parts take, each time that one is used.
 
         Raises
         ------
         LimitError
-            If they are more than an animation of one surface needs.
+            If it is more than an animation of one surface needs.
         """
-        self._n_bytes, self._n_parts = self._n_bytes + n_bytes, self._n_parts + n_parts
+        self._n_bytes += n_bytes
         self.limits.require("decompressed_bytes", self._n_bytes)
-        if self._n_parts > _MOST_PARTS:
-            raise LimitError(
-                f"The GLB file uses more than {_MOST_PARTS} nodes, parts of meshes and arrays.",
-                remedy="Export the moving surface alone, as one mesh without bones, cameras or "
-                "lights.",
-                limit="gltf_nodes",
-                details={"most": _MOST_PARTS},
-            )
 
     def item(self, kind: str, index: Any) -> dict[str, Any]:
         """Object of the document by its list and place in it.
@@ -194,7 +182,6 @@ class File:
         if limit is not None:
             self.limits.require(limit, count // items_each)
         self.limits.require("decompressed_bytes", count * n_components * 8)
-        self.hold(0)
         code = _TYPES.get(accessor.get("componentType"))
         if code is None or _SIZES.get(accessor.get("type")) != n_components:
             raise _malformed(
@@ -273,8 +260,8 @@ class Channel(NamedTuple):
 Channels = dict[tuple[int, str], Channel]
 
 
-def _channels(file: File, name: str | None) -> tuple[Channels, list[str]]:
-    """Read what moves a mesh in an animation, by node and property; name the other animations."""
+def _channels(file: File, name: str | None, nodes: list[int]) -> tuple[Channels, list[str]]:
+    """Read what moves these nodes in an animation, by property; name the other animations."""
     animations = file.document.get("animations", [])
     names = [str(a.get("name", i)) for i, a in enumerate(animations)]
     if name is not None and name not in names:
@@ -285,29 +272,14 @@ def _channels(file: File, name: str | None) -> tuple[Channels, list[str]]:
     if not animations:
         return {}, []
     index = 0 if name is None else names.index(name)
-    animation, read = file.item("animations", index), dict[tuple[int, str], Channel]()
+    animation, movers = file.item("animations", index), set(nodes)
     channels: Channels = {}
-    movers = _movers(file.document["nodes"])
     for listed in animation["channels"]:
-        sampler, path = listed["sampler"], listed["target"].get("path")
-        if path in _COMPONENTS and listed["target"].get("node") in movers:
-            if (sampler, path) not in read:
-                # Many nodes may move by the same numbers.
-                read[sampler, path] = _channel(file, animation["samplers"][sampler], path)
-            channels[listed["target"]["node"], path] = read[sampler, path]
+        target, sampler = listed["target"], animation["samplers"][listed["sampler"]]
+        path = target.get("path")
+        if path in _COMPONENTS and target.get("node") in movers:
+            channels[target["node"], path] = _channel(file, sampler, path)
     return channels, [other for i, other in enumerate(names) if i != index]
-
-
-def _movers(nodes: list[dict[str, Any]]) -> set[int]:
-    """Find the nodes with meshes and those above them; cameras and lights have frames of no use."""
-    above = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
-    movers = set[int]()
-    for i, node in enumerate(nodes):
-        index: int | None = i if "mesh" in node else None
-        while index is not None and index not in movers:
-            movers.add(index)
-            index = above.get(index)
-    return movers
 
 
 def _channel(file: File, sampler: dict[str, Any], path: str) -> Channel:
@@ -340,35 +312,31 @@ def _read(file: File, animation: str | None) -> Reading:
                 f"The GLB file cannot be read without {name[:60]!r}, which is unknown here.",
                 remedy="Export again without extensions (no compression, no instancing).",
             )
-    channels, others = _channels(file, animation)
+    nodes = _nodes(file)
+    channels, others = _channels(file, animation, nodes)
     keys = [channel.times for channel in channels.values()]
     times = np.unique(np.concatenate(keys)) if keys else np.zeros(1)
     file.limits.require("frames", len(times))
-    meshes, ignored = dict[int, _Mesh](), dict[str, None]()
-    pieces, faces, n_vertices, n_faces, n_targets = [], [], 0, 0, 0
-    for index, node, world in _shown(file, channels, times):
-        mesh = meshes.get(node["mesh"]) or _mesh(file, node["mesh"], ignored)
-        meshes[node["mesh"]] = mesh
-        faces.append(mesh.faces + n_vertices)
-        n_vertices, n_faces = n_vertices + mesh.shapes.shape[1], n_faces + len(mesh.faces)
-        n_targets += len(mesh.shapes) - 1
-        file.limits.require("vertices", n_vertices)
-        file.limits.require("faces", n_faces)
-        file.hold(len(times) * mesh.shapes[0].nbytes, _SHOWN)
-        weights = np.array(node.get("weights", mesh.weights), dtype=np.float64)[None]
-        if (channel := channels.get((index, "weights"))) is not None:
-            weights = channel.at(times)
-        moved = _placed(mesh, weights, world)
-        pieces.append(np.broadcast_to(moved, (len(times), *moved.shape[1:])))
-    if not pieces:
-        raise _malformed("The GLB file's scene shows no mesh.")
+    shown, ignored = file.item("nodes", nodes[-1]), dict[str, None]()
+    mesh = _mesh(file, shown["mesh"], ignored)
+    file.limits.require("vertices", mesh.shapes.shape[1])
+    file.limits.require("faces", len(mesh.faces))
+    file.hold(len(times) * mesh.shapes[0].nbytes)
+    weights = np.array(shown.get("weights", mesh.weights), dtype=np.float64)[None]
+    if (channel := channels.get((nodes[-1], "weights"))) is not None:
+        weights = channel.at(times)
+    world = np.eye(4)[None]
+    for index in nodes:
+        world = world @ _local(file.item("nodes", index), index, channels, times)
+        file.hold(world.nbytes)
+    moved = _placed(mesh, weights, world)
+    vertices = np.broadcast_to(moved, (len(times), *moved.shape[1:])).copy()
     extras = file.document.get("asset", {}).get("extras", {})
     ours = extras.get(OURS, {}) if isinstance(extras, dict) else {}
     is_timed = bool(channels) and "times_unknown" not in ours
-    vertices = np.concatenate(pieces, axis=1)
     return reading_of(
         vertices,
-        np.concatenate(faces),
+        mesh.faces,
         format="glb",
         grid=ours.get("grid"),
         topology=str(ours["topology"]) if "topology" in ours else None,
@@ -377,42 +345,41 @@ def _read(file: File, animation: str | None) -> Reading:
         # glTF 2.0, 3.4: "a right-handed coordinate system". Our own files are written unturned.
         facts=NO_FACTS if ours else Facts(handedness="right"),
         unit_from="file" if "unit" in ours else "format",
-        notes=_notes(vertices[0], n_targets, channels),
+        notes=_notes(vertices[0], len(mesh.shapes) - 1, channels),
         ignored=(*ignored, *(f"animation {name}" for name in others)),
         coordinate_system=None if ours else "Y up",
     )
 
 
-def _shown(
-    file: File, channels: Channels, times: Floats
-) -> Iterator[tuple[int, dict[str, Any], Floats]]:
-    """Give the nodes with meshes in the order of the scene, and their places over time.
-
-    Yields
-    ------
-    int, dict, (frames or 1, 4, 4) float64
-    """
+def _nodes(file: File) -> list[int]:
+    """Find the node that shows a mesh, and those above it, from the root of the scene."""
     scene = file.item("scenes", file.document.get("scene", 0))
-    waiting = [(np.eye(4)[None], root) for root in reversed(scene.get("nodes", []))]
-    seen = set[int]()
+    waiting: list[tuple[int | None, int]] = [(None, root) for root in scene.get("nodes", [])]
+    above, shown = dict[int, int | None](), list[int]()
     while waiting:
-        above, index = waiting.pop()
+        parent, index = waiting.pop()
         node = file.item("nodes", index)
-        if index in seen:
+        if index in above:
             raise _malformed(f"Node {index} of the GLB file has two parents, or is part of itself.")
-        seen.add(index)
-        local = _local(node, index, channels, times)
-        world = above @ local
-        file.hold(local.nbytes + world.nbytes)
-        if "mesh" in node:
-            if "skin" in node:
-                raise MalformedFileError(
-                    "The GLB file moves its mesh by a skeleton (skin), which is not evaluated.",
-                    remedy="Bake the animation to shape keys (morph targets) and export again, or "
-                    "export each frame as PLY or OBJ and send them as .zip.",
-                )
-            yield index, node, world
-        waiting += [(world, child) for child in reversed(node.get("children", []))]
+        above[index] = parent
+        shown += [index] * ("mesh" in node)
+        waiting += [(index, child) for child in node.get("children", [])]
+    if len(shown) != 1:
+        raise MalformedFileError(
+            f"The GLB file's scene shows {len(shown)} meshes.",
+            remedy="Export one object: join the others to it (Blender: Object, Join), or leave "
+            "them out.",
+        )
+    if "skin" in file.item("nodes", shown[0]):
+        raise MalformedFileError(
+            "The GLB file moves its mesh by a skeleton (skin), which is not evaluated.",
+            remedy="Bake the animation to shape keys (morph targets) and export again, or "
+            "export each frame as PLY or OBJ and send them as .zip.",
+        )
+    nodes = shown
+    while (parent := above[nodes[-1]]) is not None:
+        nodes.append(parent)
+    return nodes[::-1]
 
 
 def _local(node: dict[str, Any], index: int, channels: Channels, times: Floats) -> Floats:

@@ -28,28 +28,29 @@ from modalmotion.errors import InputError, LimitError
 from modalmotion.formats.result import Answer, Parsed
 from modalmotion.limits import ReadLimits
 
-# What parses, and what that imports in turn: libraries which damaged files can crash, and which are
-# slow to import.
-_HDF5: Final = ("h5py", "encodings.ascii")
-_TASKS: Final[dict[str, tuple[str, ...]]] = {
-    "hdf5": ("modalmotion.formats.vtkhdf:parse_hdf5", *_HDF5),
-    "clouds": ("modalmotion.formats.vtkhdf:parse_clouds", *_HDF5),
-    "datasets": ("modalmotion.formats.vtkhdf:parse_datasets", *_HDF5),
-    "mat": ("modalmotion.formats.named_arrays:parse_matlab", "scipy.io"),
-    "dicom": ("modalmotion.formats.volumes.dicom:parse_dicom", "pydicom.pixels"),
-    "study": ("modalmotion.formats.volumes.dicom:parse_study", "pydicom.valuerep"),
-    "metaimage": ("modalmotion.formats.volumes.nrrd_metaimage:parse_metaimage",),
-    "nifti": ("modalmotion.formats.volumes.nifti:parse_nifti", "nibabel"),
-    "nrrd": ("modalmotion.formats.volumes.nrrd_metaimage:parse_nrrd", "nrrd"),
+# Each imports a library that damaged files can crash, and that is slow to import.
+_TASKS: Final = {
+    "hdf5": "modalmotion.formats.vtkhdf:parse_hdf5",
+    "clouds": "modalmotion.formats.vtkhdf:parse_clouds",
+    "datasets": "modalmotion.formats.vtkhdf:parse_datasets",
+    "mat": "modalmotion.formats.named_arrays:parse_matlab",
+    "dicom": "modalmotion.formats.volumes.dicom:parse_dicom",
+    "study": "modalmotion.formats.volumes.dicom:parse_study",
+    "metaimage": "modalmotion.formats.volumes.one_file:parse_metaimage",
+    "nifti": "modalmotion.formats.volumes.one_file:parse_nifti",
+    "nrrd": "modalmotion.formats.volumes.one_file:parse_nrrd",
 }
+
+UNCONFINED: Final = 77
+"""How a parser ends that could not be confined where the system can."""
 
 
 @dataclass(frozen=True)
 class ParserHere:
     """Runs parsers in this process.
 
-    For processes that may be lost and are limited from outside, such as a worker of the
-    service: it saves the second that a process of its own takes to start.
+    For processes that may be lost and are limited from outside: it saves the half second that a
+    process of its own takes to start.
 
     Parameters
     ----------
@@ -71,21 +72,14 @@ class ParserHere:
 
 def parser_of(task: str) -> Callable[[bytes, ReadLimits], Parsed]:
     """Find a parser by its name."""
-    module, _, function = _TASKS[task][0].partition(":")
+    module, _, function = _TASKS[task].partition(":")
     parse: Callable[[bytes, ReadLimits], Parsed] = getattr(import_module(module), function)
     return parse
 
 
-def prepare(task: str) -> None:
-    """Import what a parser needs."""
-    parser_of(task)
-    for library in _TASKS[task][1:]:
-        import_module(library)
-
-
 def _limits_on(task: str, n_bytes: int, limits: ReadLimits) -> ReadLimits:
     # Images may be of one colour: packed to nothing, and not in proportion to their files.
-    return limits if ".volumes." in _TASKS[task][0] else limits.of_file(n_bytes)
+    return limits if ".volumes." in _TASKS[task] else limits.of_file(n_bytes)
 
 
 # The same numbers on every architecture.
@@ -194,7 +188,8 @@ def main() -> int:
         os.dup2(nowhere.fileno(), 1)
     end_with(os.getppid())
     # From here on it has two pipes, Python and its packages.
-    confine()
+    if not confine() and landlock_version():
+        return UNCONFINED
     while answer_next(source, sink):
         pass
     return 0
@@ -255,7 +250,7 @@ def _too_large(limits: ReadLimits) -> LimitError:
     )
 
 
-def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float | None) -> None:
+def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float) -> None:
     try:
         import resource
     except ImportError:
@@ -263,9 +258,8 @@ def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float | None)
         return
     # No core dump: it would contain the content of the file.
     _lower(resource.RLIMIT_CORE, 0)
-    if seconds is not None:
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        _lower(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime + 2 * seconds) + 1)
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    _lower(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime + 2 * seconds) + 1)
     declared = min(limits.decompressed_bytes, limits.unfolded_bytes)
     most = 3 * declared + 4 * n_bytes + _SPARE_BYTES
     if (now := _address_space()) is not None:

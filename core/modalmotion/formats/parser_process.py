@@ -1,49 +1,45 @@
 """Processes of their own for parsers that damaged files can crash.
 
 The libraries of HDF5 and of images end the whole process, or take all memory, on some files. In a
-`ParserProcess` they run in a child that is limited in memory and time, reads only the bytes it is
-sent, and whose end is an error like any other.
-
-`ParserForks` is for a process that serves many people and may be lost, such as a worker of the
-service. It saves the second in which a `ParserProcess` starts. A parser sees Python and its
-packages alone, inherits the memory of a process that has read nothing, and ends when it is told
-to, before the next one's file; so a file that takes over its parser reaches no other file.
+`ParserProcess` they run in a child that is limited in memory and time, confined to Python and its
+packages, and has nothing but the bytes that it is sent. Files of another sender get another child:
+one that takes over its parser then reaches no file but those after it of the same sender.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
-import gc
 import json
 import math
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import partial
-from typing import IO, Any, Final, NoReturn, Self
+from typing import IO, Any, Final, Self
 
 import numpy as np
 
 from modalmotion import errors
 from modalmotion.errors import InputError, LimitError, MalformedFileError, StoreError
-from modalmotion.formats.parser_child import (
-    answer_next,
-    confine,
-    end_with,
-    landlock_version,
-    prepare,
-)
+from modalmotion.formats.parser_child import UNCONFINED
 from modalmotion.formats.result import Answer
 from modalmotion.limits import ReadLimits
 
 _LONGEST_HEADER: Final = 1 << 24
+
+# Ends of a parser that no file is to blame for: the system wants its memory, or an operator.
+_FROM_OUTSIDE: Final = (-signal.SIGKILL, UNCONFINED)
+# Between the end of a pipe and that of its process.
+_ENDING_SECONDS: Final = 5.0
+
+
+class ParserLostError(MalformedFileError):
+    """A parser was ended from outside: its file may be as it should be."""
 
 
 class ParserProcess:
@@ -89,6 +85,8 @@ class ParserProcess:
         ------
         InputError
             What the parser raised, or MalformedFileError if it ended on this file.
+        ParserLostError
+            If it was ended from outside.
         LimitError
             If it took longer than `seconds`, or more memory than the limits allow for.
         """
@@ -102,10 +100,14 @@ class ParserProcess:
             raise StoreError("The parser's process has no pipes.", remedy="Start it again.")
         try:
             with _killed_after(self._seconds, child) as is_late:
-                send(child.stdin, task, data, self.limits, self._seconds)
-                answer = receive(child.stdout, self.limits)
+                _send(child.stdin, task, data, self.limits, self._seconds)
+                answer = _receive(child.stdout, self.limits)
         except Exception as error:
             # Whatever an answer raises that is not one, or none.
+            if isinstance(error, EOFError | OSError):
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    child.wait(_ENDING_SECONDS)
+            ended = child.poll()
             self.close()
             if isinstance(error, InputError):
                 raise
@@ -116,7 +118,16 @@ class ParserProcess:
                     limit="parser_seconds",
                     details={"most": self._seconds},
                 ) from None
-            raise broke_down() from None
+            if ended in _FROM_OUTSIDE:
+                raise ParserLostError(
+                    "The reader of this format was ended from outside.",
+                    remedy="Send the file again; if that happens again, a smaller one.",
+                ) from None
+            raise MalformedFileError(
+                "The reader of this format crashed on the file: it is damaged, or declares "
+                "more than it contains.",
+                remedy="Write the file anew, or send another format.",
+            ) from None
         if isinstance(answer, InputError):
             raise answer
         return answer
@@ -146,29 +157,8 @@ def parser_of_thread(limits: ReadLimits) -> ParserProcess:
     return _of_thread.parsers[own]
 
 
-def broke_down() -> MalformedFileError:
-    """Make the error for a file that its parser did not outlive."""
-    return MalformedFileError(
-        "The reader of this format crashed on the file: it is damaged, or declares "
-        "more than it contains.",
-        remedy="Write the file anew, or send another format.",
-    )
-
-
-def send(
-    stream: IO[bytes], task: str, data: bytes, limits: ReadLimits, seconds: float | None = None
-) -> None:
-    """Send a file to a parser.
-
-    Parameters
-    ----------
-    stream : file
-    task : str
-    data : bytes
-    limits : ReadLimits
-    seconds : float, optional
-        Processor time after which it ends, roughly.
-    """
+def _send(stream: IO[bytes], task: str, data: bytes, limits: ReadLimits, seconds: float) -> None:
+    """Send a file to a parser, which ends after about so much processor time."""
     most = {name: int(value) for name, value in asdict(limits).items()}
     request = {"task": task, "bytes": len(data), "limits": most, "seconds": seconds}
     header = json.dumps(request).encode()
@@ -178,7 +168,7 @@ def send(
     stream.flush()
 
 
-def receive(stream: Any, limits: ReadLimits) -> Answer | InputError:
+def _receive(stream: Any, limits: ReadLimits) -> Answer | InputError:
     """Receive what a parser answers: arrays, or what is wrong with the file.
 
     Raises
@@ -246,161 +236,3 @@ def _rebuilt(state: dict[str, Any]) -> InputError:
     is_ours = isinstance(kind, type) and issubclass(kind, InputError)
     made: InputError = (kind if is_ours else MalformedFileError)(state.pop("message"), **state)
     return made
-
-
-# How a parser ended, as a signed number of so many bytes; negative for a signal.
-_STATUS_BYTES: Final = 4
-# Of a parser that could not be confined where the system can.
-_UNCONFINED: Final = 77
-# Which no file is to blame for.
-_FROM_OUTSIDE: Final = (-signal.SIGKILL, _UNCONFINED)
-_LONGEST_NAME: Final = 64
-
-
-class ParserLostError(Exception):
-    """The process that forks parsers has ended, or a parser was ended from outside."""
-
-
-class ParserForks:
-    """The process that forks parsers, one at a time; it ends with the one that made it.
-
-    Make it before the process has read anything of anybody, or has threads; use it from one
-    thread at a time.
-
-    Attributes
-    ----------
-    pid : int
-    """
-
-    def __init__(self) -> None:
-        ours, theirs = socket.socketpair()
-        parent = os.getpid()
-        self.pid = os.fork()
-        if not self.pid:
-            _in_child(partial(_serve, theirs, parent))
-        theirs.close()
-        self._control = ours
-        self._parser: socket.socket | None = None
-
-    def close(self) -> None:
-        """End it."""
-        if self._parser is not None:
-            self._parser.close()
-        self._control.close()
-        with contextlib.suppress(ChildProcessError):
-            os.waitpid(self.pid, 0)
-
-    def parse(self, task: str, data: bytes, limits: ReadLimits) -> Answer:
-        """Parse a file in the parser that lives, or in a new one.
-
-        Parameters
-        ----------
-        task : str
-            Name of a parser in `parser_child`.
-        data : bytes
-        limits : ReadLimits
-
-        Raises
-        ------
-        InputError
-            What the parser raised, or MalformedFileError if it ended on this file.
-        ParserLostError
-            If it was ended from outside, or cannot be begun.
-        """
-        if self._parser is None:
-            self._parser = self._begun(task)
-        try:
-            with self._parser.makefile("wb") as sink:
-                send(sink, task, data, limits)
-            with self._parser.makefile("rb") as source:
-                answer = receive(source, limits)
-        except Exception as error:  # noqa: BLE001 - as of `receive`
-            self.end_parser()
-            raise (error if isinstance(error, InputError) else broke_down()) from None
-        if isinstance(answer, InputError):
-            raise answer
-        return answer
-
-    def end_parser(self) -> None:
-        """End the parser that lives, if one does: the next file is another one's.
-
-        Raises
-        ------
-        ParserLostError
-            If it was ended from outside.
-        """
-        if self._parser is None:
-            return
-        self._parser.close()
-        self._parser = None
-        status = b""
-        with contextlib.suppress(OSError):
-            status = self._control.recv(_STATUS_BYTES, socket.MSG_WAITALL)
-        if len(status) < _STATUS_BYTES:
-            raise ParserLostError("the process that forks parsers has ended")
-        # Killed by the system, which wants its memory, or by an operator.
-        if (code := int.from_bytes(status, "little", signed=True)) in _FROM_OUTSIDE:
-            raise ParserLostError(f"a parser was ended from outside: {code}")
-
-    def _begun(self, task: str) -> socket.socket:
-        ours, theirs = socket.socketpair()
-        with theirs:
-            try:
-                socket.send_fds(self._control, [task.encode()], [theirs.fileno()])
-            except OSError as error:
-                ours.close()
-                raise ParserLostError("the process that forks parsers has ended") from error
-        return ours
-
-
-def _in_child(work: Callable[[], object]) -> NoReturn:
-    """Do what a forked process is for, and end it: nothing of its parent's is cleaned up twice."""
-    status = 1
-    try:
-        work()
-        status = 0
-    finally:
-        os._exit(status)
-
-
-def _serve(control: socket.socket, parent: int) -> None:
-    """Fork a parser for each request until the socket closes."""
-    end_with(parent)
-    _keep_only(control)
-    # What parsers share with this process stays shared.
-    gc.freeze()
-    server = os.getpid()
-    while True:
-        task, places, _, _ = socket.recv_fds(control, _LONGEST_NAME, 1)
-        if not places:
-            return
-        # Imported once, and by a process that reads no file.
-        prepare(task.decode())
-        pid = os.fork()
-        if not pid:
-            _in_child(partial(_parse, control, places[0], server))
-        os.close(places[0])
-        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-        control.sendall(status.to_bytes(_STATUS_BYTES, "little", signed=True))
-
-
-def _parse(control: socket.socket, place: int, server: int) -> None:
-    """Parse files until nobody sends one: what runs in a parser."""
-    end_with(server)
-    control.close()
-    # By itself: processes that are confined together may trace one another.
-    if not confine() and landlock_version():
-        os._exit(_UNCONFINED)
-    connection = socket.socket(fileno=place)
-    with connection, connection.makefile("rb") as source, connection.makefile("wb") as sink:
-        while answer_next(source, sink):
-            pass
-
-
-def _keep_only(control: socket.socket) -> None:
-    # Locks and sockets of the parent are its own, and libraries have nothing to print to.
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for number in (0, 1, 2):
-        os.dup2(nowhere, number)
-    os.closerange(3, control.fileno())
-    os.closerange(control.fileno() + 1, os.sysconf("SC_OPEN_MAX"))

@@ -77,8 +77,6 @@ def _point(words: list[bytes], malformed: Callable[[str], MalformedFileError]) -
 
 _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
 _HEADER_BYTES: Final = 84
-# Largest ratio of declared to present bytes at which a file counts as cut short.
-_LIKELY: Final = 100
 _malformed_stl: Final = partial(MalformedFileError, remedy="Export the frame again, as binary STL.")
 
 # A facet of the text form; its normal is not used.
@@ -96,18 +94,6 @@ _LONGEST_FACET: Final = 10_000
 def is_binary_stl(data: bytes) -> bool:
     """Return whether the number of triangles agrees with the number of bytes."""
     return len(data) >= _HEADER_BYTES and _declared_bytes(data) == len(data)
-
-
-def cut_short(data: bytes) -> int | None:
-    """Size in bytes of a binary STL file that these may be the beginning of, else None.
-
-    Its header is text or empty, and it declares more bytes than are present.
-    """
-    header = data[: _HEADER_BYTES - 4].rstrip(b"\x00 ")
-    if len(data) <= _HEADER_BYTES or not all(32 <= byte < 127 for byte in header):
-        return None
-    declared = _declared_bytes(data)
-    return declared if len(data) < declared <= _LIKELY * len(data) else None
 
 
 def _declared_bytes(data: bytes) -> int:

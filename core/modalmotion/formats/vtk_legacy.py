@@ -1,7 +1,7 @@
 """Surfaces in legacy .vtk files: PolyData, or an unstructured grid of polygons, to version 5.1.
 
 Words are in any case, on any line; numbers are text or big-endian. What follows POINT_DATA or
-CELL_DATA is named and not read.
+CELL_DATA is not read.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 from math import prod
 from typing import Any, Final
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,10 +45,6 @@ _WORD: Final = re.compile(rb"\s*(\S{1,250})(?=\s|$)")
 _OFFSETS: Final = re.compile(rb"(?i)\s+offsets(?=\s)")
 # In text all up to the next word are numbers; nan and inf are numbers.
 _NO_NUMBER: Final = re.compile(rb"(?<=\s)(?!(?i:nan|inf)\b)[A-Za-z_]")
-_NAMES: Final = re.compile(
-    rb"(?i)(?:^|\s)(point_data|cell_data)\s|\s(?:scalars|color_scalars|vectors|normals|tensors|"
-    rb"texture_coordinates)\s+(\S{1,200})\s|\n(\S{1,200}) \d+ \d+ [a-z][a-z_0-9]* ?\n"
-)
 
 
 def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
@@ -99,14 +94,6 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     sizes, corners = cells.get("Polys", (np.zeros(0, np.int64),) * 2)
     if kind == "unstructured_grid" and len(sizes) != (0 if types is None else len(types)):
         raise malformed("The VTK file's grid has other types than cells.")
-    owner, ignored = word, []
-    for owner_found, *names in _NAMES.findall(data, file.at - len(word) - 1 if word else len(data)):
-        owner = owner_found.decode().lower() or owner
-        ignored += [
-            f"{owner.partition('_')[0]}.{unquote(name.decode('utf-8', 'replace'))}"
-            for name in names
-            if name and name.lower() not in (b"metadata", b"field")
-        ]
     counts = {name: len(of) for name, (of, _) in cells.items()}
     return surface_of(
         points,
@@ -114,7 +101,7 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         corners,
         types,
         limits,
-        ignored=sorted(ignored, key=lambda name: name.startswith("cell.")),
+        ignored=[word] * bool(word),
         counts=counts,
         statements=statements,
     )

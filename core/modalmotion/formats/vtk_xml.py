@@ -6,7 +6,6 @@ the time and the coordinate system are read; other arrays are named.
 
 from __future__ import annotations
 
-import lzma
 import re
 import struct
 from binascii import a2b_base64
@@ -22,7 +21,7 @@ from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats.frame import Frame, space_in
 from modalmotion.formats.vtk_legacy import malformed, numbers_in, surface_of, whole
 from modalmotion.limits import NO_LIMITS, ReadLimits
-from modalmotion.numeric.unpacking import filled, unpacked
+from modalmotion.numeric.unpacking import unpacked
 from modalmotion.representation import Ints
 
 _KINDS: Final = {
@@ -35,9 +34,6 @@ _WORDS: Final = {"UInt32": "I", "UInt64": "Q"}
 _TYPES: Final = ("PolyData", "UnstructuredGrid")
 _CELLS: Final = ("Verts", "Lines", "Strips", "Polys")
 _APPENDED: Final = re.compile(rb"<AppendedData([^<>]*)>\s*_")
-
-# Bytes that the strongest packing of LZMA needs to unpack, twice.
-_MOST_LZMA: Final = 1 << 27
 
 # A surface with fifty arrays of data has two hundred elements.
 _MOST_ELEMENTS: Final = 1_000
@@ -71,7 +67,7 @@ def read_vtk_xml(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         return _File(root, data, found, limits).frame()
     except InputError:
         raise
-    except (KeyError, ValueError, AttributeError, IndexError, lzma.LZMAError) as error:
+    except (KeyError, ValueError, AttributeError, IndexError) as error:
         reason = f"{type(error).__name__}: {str(error)[:60]}"
         raise malformed(f"The VTK file is not as VTK writes it ({reason}).") from error
 
@@ -213,15 +209,12 @@ class _File:
         )
 
     def _unpacked(self, piece: bytes, n_bytes: int) -> bytes:
-        if self.packing == "vtkZLibDataCompressor":
-            return unpacked(piece, "zlib", n_bytes).tobytes()
-        if self.packing == "vtkLZMADataCompressor":
-            plain = lzma.LZMADecompressor(memlimit=_MOST_LZMA).decompress(piece, n_bytes + 1)
-            return filled([plain], n_bytes, len(piece)).tobytes()
-        raise MalformedFileError(
-            f"The VTK file is compressed by {self.packing[:40]!r}, which is not read.",
-            remedy="Save it again with the compressor ZLib, or without compression.",
-        )
+        if self.packing != "vtkZLibDataCompressor":
+            raise MalformedFileError(
+                f"The VTK file is compressed by {self.packing[:40]!r}, which is not read.",
+                remedy="Save it again with the compressor ZLib, or without compression.",
+            )
+        return unpacked(piece, "zlib", n_bytes).tobytes()
 
     def _hold(self, n_bytes: int) -> None:
         self.n_bytes += n_bytes

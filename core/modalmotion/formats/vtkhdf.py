@@ -24,7 +24,7 @@ from modalmotion.errors import (
 from modalmotion.formats.frame import NOTHING_TO_TRACK, ONE_MESH, Triangles, triangulate
 from modalmotion.formats.named_arrays import parse_datasets as parse_named
 from modalmotion.formats.result import Parsed
-from modalmotion.hdf5.form import Form
+from modalmotion.hdf5.image import Form
 from modalmotion.hdf5.sealed import open_gated
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh import facts_as_json

@@ -9,8 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Contents, Dataset, json_text, write_sealed
+from modalmotion.hdf5.image import Contents, Dataset, Form, json_text, write_sealed
 from modalmotion.images.sequence import Image, ImageSequence, parts_of
 from modalmotion.images.volume import Plane, PlaneSet, Volume
 from modalmotion.notes import notes_from_json

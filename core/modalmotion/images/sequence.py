@@ -104,17 +104,6 @@ def parts_of(frame: Image) -> tuple[Volume | Plane, ...]:
     return frame.planes if isinstance(frame, PlaneSet) else (frame,)
 
 
-def is_of_labels(image: Image) -> bool:
-    """Whether an image has two values and no others, as a segmentation."""
-    parts = parts_of(image)
-    low = min(float(part.values.min()) for part in parts)
-    high = max(float(part.values.max()) for part in parts)
-    # Slab by slab, so that a large volume needs no more than one beside it; of most the first says.
-    return all(
-        bool(((slab == low) | (slab == high)).all()) for part in parts for slab in part.values
-    )
-
-
 def _add(digest: hashlib._Hash, array: NDArray[Any] | None) -> None:
     """Add an array's type and shape and its elements, in one order of bytes."""
     if array is None:

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import ParameterError, ShapeError, TopologyError
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, Form, json_text
 from modalmotion.mesh.checks import (
     FloatArray,
     Uncertainty,

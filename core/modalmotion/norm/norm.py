@@ -22,8 +22,7 @@ from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import Extractor
 from modalmotion.clinical import Fraction, clinical_readouts
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Dataset, json_text
+from modalmotion.hdf5.image import Dataset, Form, json_text
 from modalmotion.mesh import UNKNOWN, Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm.deviation import (

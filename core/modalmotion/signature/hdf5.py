@@ -8,8 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, Form, json_text
 from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.spring_modes import Modes, SpringModes

@@ -11,8 +11,7 @@ import scipy
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.notes import Note
-from modalmotion.representation import Floats, Ints, numeral, shown
+from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,
@@ -204,13 +203,6 @@ def resample(sequence: MeshSequence, phases: Floats | list[float] | float | int)
     smooth = min(max(farther - here, 0.0) / (growth - 1.0), here)
     scale = 1.0 - smooth * (1.0 - 1.0 / growth) / here if here else 0.0
     return Resampled(moved, at, np.sqrt(scale) * _deviations(own, left, at), interpolation)
-
-
-def note_on(resampled: Resampled) -> Note:
-    """Return a note on the deviation of the surfaces between frames."""
-    unit = resampled.sequence.unit or "length units"
-    most = float(resampled.rms_deviations.max())
-    return Note.of("between_frames", distance=numeral(most, 2), unit=unit)
 
 
 def _phases(phases: Floats | list[float] | float | int) -> Floats:

@@ -12,8 +12,7 @@ import numpy as np
 import scipy
 
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.hdf5.form import Form
-from modalmotion.hdf5.image import Contents, Dataset, json_text
+from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
 from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.spring_modes import Modes, spring_modes

@@ -10,8 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import StoreError
-from modalmotion.hdf5.form import form_of
-from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, json_text
+from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, form_of, json_text
 from modalmotion.mesh import facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import TRACK, mesh_sequence
 from modalmotion.modes import ModeSet

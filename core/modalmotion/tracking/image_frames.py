@@ -19,7 +19,7 @@ import numpy as np
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, PlaneSet
-from modalmotion.images.sequence import Image, is_of_labels
+from modalmotion.images.sequence import Image
 from modalmotion.mesh import face_areas
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.topology import CUP
@@ -345,7 +345,7 @@ def with_images(
     areas = np.array([face_areas(x, track.template.faces).sum() for x in shapes])
     # Steps of a label map are noise of its edges, which residuals show.
     localisation = 0.0
-    if not is_of_labels(first):
+    if not imaging.levels.is_labelled:
         localisation = float(np.hypot(_OF_VOXEL * voxel, _OF_NOISE * track.noise.sd))
     volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
     answer = ImageAnswer(

@@ -35,6 +35,9 @@ FAR_CROSSING: Final = 1.0
 NEAR_CROSSING: Final = 0.35
 _NEAR: Final = 6.0
 
+# mm that edges of labels are looked for in at least: there is no other edge near them.
+_LABEL_REACH: Final = 10.0
+
 # mm beyond the edge, and within it, that say how bright each side is.
 _BEYOND: Final = (1.5, 4.5)
 _WITHIN: Final = (-6.0, -2.0)
@@ -226,6 +229,8 @@ def view_of(
     layers : {"distinct", "faint"}
         Which ones are told from blood, where the imaging knows any.
     """
+    if imaging.levels.is_labelled:
+        reach = max(reach, _LABEL_REACH)
     if isinstance(image, Volume):
         view = _through_volume(image, facets, x, reach)
     else:

@@ -18,7 +18,7 @@ from modalmotion.images import Volume
 from modalmotion.notes import Note
 from modalmotion.representation import Bools, Floats
 from modalmotion.tracking.landmarks import Proposed
-from modalmotion.tracking.moving_base import DESCENT, OFF_PATH
+from modalmotion.tracking.moving_base import DESCENT
 
 # Fewer slices have no axis and no taper.
 _FEWEST: Final = 3
@@ -29,6 +29,9 @@ _TURNS: Final = 3
 # Likelihood that the base is 0 to 1 slices above the highest one drawn, 1 to 2, 2 to 3, and that
 # it is up to half of one below.
 _ABOVE: Final = ((-0.5, 0.1), (0.0, 1.0), (1.0, 0.3), (2.0, 0.03), (3.0, 0.0))
+
+# Deviation of the base of a frame from its path: mm, and of the length of the path.
+_OFF_PATH: Final = (0.5, 0.1)
 
 # Steps of the grid of levels, mm.
 _GRID: Final = 0.5
@@ -257,13 +260,14 @@ def _levels(tops: Floats, gaps: Floats, step: float, ejected: Floats) -> tuple[F
     slices = np.arange(-0.5, 2.0 + gaps.max(), _GRID / step)
     h = slices * step
     edges, weights = np.array(_ABOVE).T
+    off = float(np.hypot(_OFF_PATH[0], _OFF_PATH[1] * mean * ejected.max()))
     log_weight = np.broadcast_to(-((c - mean) ** 2) / (2.0 * sd**2), (len(H), len(c))).copy()
     first, second = [], []
     for top, gap, own in zip(tops, gaps, ejected, strict=True):
         above = np.where(slices < 0.0, slices, np.maximum(slices - (gap - 1.0), 0.0))
         of_slice = weights[np.searchsorted(edges, above + 1e-9, side="right") - 1]
         path = H[:, None] - c * own
-        likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * OFF_PATH**2))
+        likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * off**2))
         total = np.maximum(likely.sum(axis=2), 1e-300)
         log_weight += np.log(total)
         first.append((likely @ h) / total)
@@ -275,5 +279,5 @@ def _levels(tops: Floats, gaps: Floats, step: float, ejected: Floats) -> tuple[F
     # Frames are apart, given a path: of that they have the errors in common.
     away = (heights - means[:, None, None]).reshape(len(tops), -1)
     covariance = (weight.ravel() * away) @ away.T
-    covariance += np.diag((weight * np.maximum(spread, _GRID**2)).sum(axis=(1, 2)))
+    covariance += np.diag((weight * np.maximum(spread, _GRID**2 / 12.0)).sum(axis=(1, 2)))
     return tops + means, covariance

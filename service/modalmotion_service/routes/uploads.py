@@ -363,9 +363,8 @@ async def encode_file(
 async def decode_file(
     sent: Annotated[Sent, Depends(receiving(DecodingRequest))], asked: AskedAny
 ) -> Response:
-    """Decode a stream, or some of its frames and vertices; nothing is stored."""
+    """Decode a stream, or some of its frames; nothing is stored."""
     with sent.file:
-        sent.query.ranges()
         return await _answered(asked, sent, operations.decoding)
 
 

@@ -12,35 +12,27 @@ from modalmotion_service.schemas.requests import COVARIATES, LONGEST_NAME, Name
 
 
 class DecodingRequest(from_core.JsonBody):
-    """Which frames and vertices of a stream to decode."""
+    """Which frames of a stream to decode."""
 
     first: int | None = Field(None, ge=0)
     """First frame; the stream's own by default."""
     stop: int | None = Field(None, ge=1)
     """Frame after the last."""
-    first_vertex: int | None = Field(None, ge=0)
-    """First vertex; of some vertices come the triangles between them."""
-    stop_vertex: int | None = Field(None, ge=1)
-    """Vertex after the last."""
 
-    def ranges(self) -> tuple[range | None, range | None]:
-        """Give the frames and the vertices; None for all.
+    @property
+    def frames(self) -> range | None:
+        """Frames to decode; None for all.
 
         Raises
         ------
         ParameterError
-            If a range has only one end.
+            If the range has only one end.
         """
-        return (
-            _range(self.first, self.stop, "frames", "first and stop"),
-            _range(self.first_vertex, self.stop_vertex, "vertices", "first_vertex and stop_vertex"),
-        )
-
-
-def _range(first: int | None, stop: int | None, what: str, names: str) -> range | None:
-    if (first is None) != (stop is None):
-        raise ParameterError(f"The range of {what} has only one end.", remedy=f"Give {names}.")
-    return None if first is None or stop is None else range(first, stop)
+        if (self.first is None) != (self.stop is None):
+            raise ParameterError(
+                "The range of frames has only one end.", remedy="Give first and stop."
+            )
+        return None if self.first is None or self.stop is None else range(self.first, self.stop)
 
 
 class SequenceList(from_core.Paging):

@@ -29,8 +29,8 @@ from typing import Any, Final
 
 from modalmotion_service.work.engine import PREFIX
 
-# Of SciPy what the tasks use, which they import where they use it: a parser that is confined can
-# open no file any more, and the first task is to be as quick as the next.
+# Of SciPy what the tasks use, which they import where they use it: the first task is to be as quick
+# as the next.
 PRELOADED: Final = [
     *(f"scipy.{name}" for name in ("fft", "interpolate", "linalg", "ndimage", "optimize")),
     *("scipy.sparse.csgraph", "scipy.sparse.linalg", "scipy.spatial.transform", "scipy.special"),
@@ -253,8 +253,7 @@ class WorkerProcess:
     @property
     def is_stopped(self) -> bool:
         """Whether a signal has stopped it or its parser: it will do nothing until another one."""
-        forks, parsers = self._children()
-        return any(map(is_stopped, (self.pid, *forks, *parsers)))
+        return any(map(is_stopped, (self.pid, *_children(self.pid))))
 
     def exchange(
         self,
@@ -307,16 +306,10 @@ class WorkerProcess:
         except OSError:
             return b""
 
-    def _children(self) -> tuple[list[int], list[int]]:
-        """Give the process that forks its parsers, and the one parser that lives."""
-        forks = _children(self.pid)
-        return forks, [parser for fork in forks for parser in _children(fork)]
-
     def _spent(self) -> float:
         """Processor time that it and its parsers have taken so far, in s."""
-        forks, parsers = self._children()
-        living = sum(map(_processor_clock, (self.pid, *forks, *parsers)))
-        return living + sum(map(_spent_by_children, forks))
+        living = sum(map(_processor_clock, (self.pid, *_children(self.pid))))
+        return living + _spent_by_children(self.pid)
 
     def _limit(
         self,

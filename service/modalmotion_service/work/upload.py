@@ -1,6 +1,5 @@
 """Uploads and their parsers, which are confined and never the same for two owners."""
 
-import contextlib
 import logging
 import os
 from collections.abc import Iterator, Sequence
@@ -12,10 +11,18 @@ from typing import Annotated, Final
 from pydantic import PlainSerializer, PlainValidator
 
 from modalmotion.errors import InputError
-from modalmotion.formats import Parser, ParserHere, Reading, ReadLimits, ReadOptions, read_sequence
+from modalmotion.formats import (
+    DEFAULT_LIMITS,
+    Parser,
+    ParserHere,
+    Reading,
+    ReadLimits,
+    ReadOptions,
+    read_sequence,
+)
 from modalmotion.formats.frame import SIGNATURE, TRACK
 from modalmotion.formats.parser_child import landlock_version
-from modalmotion.formats.parser_process import ParserForks, ParserLostError
+from modalmotion.formats.parser_process import ParserLostError, ParserProcess
 from modalmotion.formats.result import Answer
 from modalmotion.formats.volumes import read_images
 from modalmotion.images import ImageSequence
@@ -29,26 +36,30 @@ logger = logging.getLogger(__name__)
 # What a worker ends with that has lost its parsers.
 _LOST: Final = 3
 
+# A task ends before, by its own deadline.
+_LONGEST_SECONDS: Final = 3600.0
+
 # Of this process, where it is a worker.
-_forks: list[ParserForks] = []
+_parsers: list[ParserProcess] = []
 
 
 @dataclass(frozen=True)
 class _ConfinedParser:
-    forks: ParserForks
+    process: ParserProcess
     limits: ReadLimits
 
     def parse(self, task: str, data: bytes) -> Answer:
+        self.process.limits = self.limits
         try:
-            return self.forks.parse(task, data, self.limits)
+            return self.process.parse(task, data)
         except ParserLostError:
             # Whoever waits has the work done by another process, as if this one had been killed.
             os._exit(_LOST)
 
 
-def begin_parsers() -> None:
-    """Begin the process that forks parsers. For a worker that is new."""
-    _forks[:] = [ParserForks()]
+def confine_parsers() -> None:
+    """Have files parsed in another process from here on. For a worker that is new."""
+    _parsers[:] = [ParserProcess(DEFAULT_LIMITS, _LONGEST_SECONDS)]
 
 
 def parser_for(limits: ReadLimits) -> Parser:
@@ -58,15 +69,13 @@ def parser_for(limits: ReadLimits) -> Parser:
     ----------
     limits : ReadLimits
     """
-    return _ConfinedParser(_forks[0], limits) if _forks else ParserHere(limits)
+    return _ConfinedParser(_parsers[0], limits) if _parsers else ParserHere(limits)
 
 
 def end_parser() -> None:
     """End the parser of an owner whose turn is over."""
-    for forks in _forks:
-        # One that was killed is found by the next file.
-        with contextlib.suppress(ParserLostError):
-            forks.end_parser()
+    for parser in _parsers:
+        parser.close()
 
 
 def are_confined() -> bool:

@@ -20,7 +20,7 @@ from typing import Any, Final
 
 from modalmotion_service.work.answers import answer_of
 from modalmotion_service.work.engine import PREFIX, Terms
-from modalmotion_service.work.upload import begin_parsers, end_parser
+from modalmotion_service.work.upload import confine_parsers, end_parser
 
 # Of mallopt(3). The C library of the GNU project gives freed memory back to the system above
 # 128 KiB, and takes it back page by page: 900 page faults for each signature of 1 MB in a worker,
@@ -78,12 +78,11 @@ def work(ours: socket.socket, memory_bytes: int, is_batch: bool) -> None:
         os.nice(_NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     keep_freed_memory(_KEPT_BYTES)
+    confine_parsers()
     answer(ours, b"")
     is_begun = False
     while prefix := ours.recv(PREFIX, socket.MSG_WAITALL):
         if not is_begun:
-            # With the first task, before anything of it is read, and before there are threads.
-            begin_parsers()
             threading.Thread(target=_end_with_server, args=[ours], daemon=True).start()
             is_begun = True
         # From our own server: only answers come from where strangers' files are read.

@@ -153,9 +153,9 @@ async def sent_encoding(state: State, request: Request, report: Reporter) -> Out
 @operation(media.NPZ, media.VTKHDF, media.RAW, query=DecodingRequest)
 async def decoding(state: State, request: Request, _: Reporter) -> Outcome:
     """Decode a stream, or a part of it."""
-    frames, vertices = request.query.ranges()
+    frames: range | None = request.query.frames
     stream, limits = state.spool.at(request.file), state.settings.read_limits
     output = await state.analysis.written(
-        sequences.decode_upload, stream, limits, frames, vertices, request.media_type
+        sequences.decode_upload, stream, limits, frames, request.media_type
     )
     return Outcome(output, request.media_type)

@@ -20,7 +20,7 @@ from modalmotion.cli import main
 from modalmotion.cli.commands import COMMANDS, MEANT
 from modalmotion.codec import encode
 from modalmotion.formats import write_npz
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import simulate_ventricle

@@ -132,20 +132,6 @@ def test_a_model_is_tested_on_other_cases(folder: Path, tmp_path: Path) -> None:
     assert answer["accuracy"] == right / len(rows)
 
 
-def test_two_models_are_compared_on_the_same_cases(folder: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.h5"
-    options = (*QUICK, "--modes", 7)
-    succeed("train", folder / "train.csv", "--name", "other", "-o", other, *options)
-    asked = ("compare-models", folder / "wall.h5", other, folder / "test.csv")
-    result = succeed(*asked)
-    for words in ("auc:", "other", "difference", "McNemar"):
-        assert words in result.output
-    answer = json.loads(succeed(*asked, "--json").stdout)
-    assert answer["models"] == ["wall", "other"]
-    figures = answer["accuracy"]
-    assert figures["difference"] == figures["second"] - figures["first"]
-
-
 def test_classify_says_what_the_library_says(folder: Path, tmp_path: Path) -> None:
     path, plot = folder / "normal" / "0.npz", tmp_path / "answer.png"
     model = model_from_hdf5(folder / "wall.h5")
@@ -238,7 +224,6 @@ def test_mistakes_are_told_in_one_line_and_name_what_is_wrong(folder: Path, tmp_
         (("train", folder / "none.npz", "--name", "w", "-o", out), ["none.npz"]),
         (("train", folder / "none.csv", "--name", "w", "-o", out), ["none.csv"]),
         (("evaluate", model, strange), ["normal/0.npz has the class 'strange'"]),
-        (("compare-models", model, model, strange), ["normal/0.npz has the class 'strange'"]),
         (("train", latin, "--name", "w", "-o", out), ["as UTF-8", "(Excel: CSV UTF-8)"]),
         (("train", wide, "--name", "w", "-o", out), ["as UTF-8", "(Excel: CSV UTF-8)"]),
         (("train", bare, "--name", "w", "-o", out), ["no column 'path'", "(Excel: CSV UTF-8)"]),

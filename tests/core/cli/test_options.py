@@ -13,7 +13,6 @@ from click.testing import CliRunner
 from matplotlib.figure import Figure
 
 from modalmotion.cli import main, options
-from modalmotion.cli.modes_commands import animate
 from modalmotion.cli.options import OutputFile, OutputFolder, aligned, described, write_picture
 from modalmotion.errors import StoreError
 
@@ -201,19 +200,15 @@ def test_pictures_need_matplotlib_before_any_work(
     for words in (
         ("signature", "absent", "--plot", "a.png"),
         ("modes", "absent", "-o", "a.svg"),
-        ("animate", "absent", "--mode", "1,1,cos=1", "-o", "pictures"),
     ):
         run = CliRunner().invoke(main, [*words[:-1], str(tmp_path / words[-1])])
         assert "pip install matplotlib" in run.output
 
 
-def test_names_in_capitals_and_numbered_pictures_pass(tmp_path: Path) -> None:
+def test_names_in_capitals_pass(tmp_path: Path) -> None:
     context = click.Context(click.Command("x"))
     for name in ("A.PNG", "a.pdf"):
         assert OutputFile(".png", ".pdf").convert(str(tmp_path / name), None, context).name == name
-    (target,) = [p.type for p in animate.params if p.name == "output"]
-    for name in ("frame_%03d.png", "a.GLB", "folder/of/pictures"):
-        target.convert(str(tmp_path / name), None, context)
 
 
 def test_a_picture_is_written_whole_or_not_at_all(

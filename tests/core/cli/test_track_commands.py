@@ -18,7 +18,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_npz
 from modalmotion.formats.ply import read_ply
 from modalmotion.formats.volumes import read_images, write_nifti_zip
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.tracking.hdf5 import track_from_hdf5
 from modalmotion.tracking.landmarks import read_landmark_file

@@ -19,8 +19,7 @@ from flaky import Fault, FlakyWay
 from running import RunningService
 
 from modalmotion.client import BrokenAnswerError, Client, RemoteError, Retries, UnreachableError
-from modalmotion.client.bodies import segment
-from modalmotion.client.connection import retry_after
+from modalmotion.client.connection import retry_after, segment
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.formats import read_npz
 from modalmotion.signature.making import modal_signature

@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from modalmotion.client.bodies import query_of
+from modalmotion.client.connection import query_of
 from modalmotion.client.recordings import track_call
 from modalmotion.client.values import Info
 from modalmotion.errors import ShapeError

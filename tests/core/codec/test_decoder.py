@@ -8,7 +8,6 @@ import subprocess
 import sys
 import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,13 +17,12 @@ from codec_sequences import (
     jointed,
     lattice_sequence,
     mesh_of_tube,
-    small_mesh_of_tube,
 )
 
 from modalmotion.codec import decode, encode
 from modalmotion.codec.coder import find_guards, read_varint, write_varint
 from modalmotion.codec.spatial_modes import read_modes
-from modalmotion.errors import LimitError, MalformedFileError, ParameterError
+from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 
 STEPS = pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.soak)])
@@ -210,48 +208,3 @@ print(sorted(name for name in set(sys.modules) - before if name.startswith(("sci
         [sys.executable, "-c", code, *map(str, paths)], capture_output=True, text=True, check=True
     )
     assert done.stdout == "[]\n"
-
-
-@pytest.mark.parametrize("asked", [{"rms": 0.1}, {"max_error": 0.05}, {"rms": 1e-12}])
-@pytest.mark.parametrize("effort", ["fast", "balanced"])
-@pytest.mark.parametrize("make", [lattice_sequence, small_mesh_of_tube, jointed])
-def test_some_vertices_are_those_of_the_whole(
-    make: Make, effort: str, asked: dict[str, float], rng: np.random.Generator
-) -> None:
-    sequence = make(rng)
-    data = encode(sequence, effort=effort, **asked).data  # type: ignore[arg-type]
-    whole = decode(data)
-    n = whole.n_vertices
-    for where in (range(3, n // 2), rng.permutation(n)[: n // 2], range(n - 1, -1, -1), [1]):
-        some = decode(data, vertices=np.array(where) if isinstance(where, list) else where)
-        assert some.vertices.tobytes() == whole.vertices[:, np.array(where)].tobytes()
-        place = {int(v): i for i, v in enumerate(where)}
-        corners = [face for face in whole.faces.tolist() if all(v in place for v in face)]
-        assert some.faces.tolist() == [[place[v] for v in face] for face in corners]
-        assert some.grid is None
-    some = decode(data, vertices=range(2, 5), frames=range(1, 3))
-    assert np.array_equal(some.vertices, whole.vertices[1:3, 2:5])
-
-
-@pytest.mark.parametrize(
-    "vertices",
-    [
-        range(0),
-        range(97),
-        range(-1, 3),
-        range(10**30),
-        range(-(10**13), 3),
-        np.array([1, 1]),
-        np.array([[1]]),
-        np.array([96]),
-        np.array([], dtype=np.int64),
-    ],
-)
-def test_vertices_that_a_stream_does_not_have_are_refused(
-    vertices: Any, rng: np.random.Generator
-) -> None:
-    data = encode(lattice_sequence(rng), rms=0.3).data
-    with pytest.raises(ParameterError, match="not some of the 96") as caught:
-        decode(data, vertices=vertices)
-    if isinstance(vertices, range):
-        assert f"{vertices.start} to {vertices.stop}" in caught.value.message

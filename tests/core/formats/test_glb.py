@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from format_samples import FACES, N_VERTICES, TIMES, VERTICES, edited_glb
+from format_samples import FACES, TIMES, VERTICES, edited_glb
 from numpy.typing import NDArray
 
 from modalmotion import Facts
@@ -135,12 +135,11 @@ def test_a_matrix_and_a_parent_that_moves_are_applied() -> None:
     assert np.allclose(read.sequence.vertices, placed + shifts[:, None, :])
 
 
-def test_a_mesh_shown_twice_is_there_twice() -> None:
+def test_several_meshes_are_refused_with_what_joins_them() -> None:
     document = scene(nodes=[{"mesh": 0}, {"children": [0, 2]}, {"mesh": 0}])
-    read = read_sequence(glb(document, *ARRAYS))
-    assert read.sequence.n_vertices == 2 * N_VERTICES
-    assert np.array_equal(read.sequence.faces[len(FACES) :], FACES + N_VERTICES)
-    assert "coincide" in read.notes[-1]
+    with pytest.raises(MalformedFileError, match="shows 2 meshes") as caught:
+        read_sequence(glb(document, *ARRAYS))
+    assert "Join" in caught.value.remedy
 
 
 def test_an_animation_is_chosen_by_its_name() -> None:
@@ -276,7 +275,7 @@ GOOD = glb(scene(), *ARRAYS)
         ),
         (edited_glb(GOOD, put("nodes", 0, "skin", value=0)), MalformedFileError, "skeleton"),
         (edited_glb(GOOD, put("nodes", 0, "children", value=[1])), MalformedFileError, "itself"),
-        (edited_glb(GOOD, put("nodes", 0, "mesh", value=...)), MalformedFileError, "no mesh"),
+        (edited_glb(GOOD, put("nodes", 0, "mesh", value=...)), MalformedFileError, "0 meshes"),
         (edited_glb(GOOD, put("nodes", 0, "mesh", value="x")), MalformedFileError, "meshes[x]"),
         (
             edited_glb(GOOD, put("nodes", 1, "rotation", value=[0, 0, 0, 0])),

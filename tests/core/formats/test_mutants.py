@@ -96,16 +96,18 @@ def vtk_files() -> dict[str, bytes]:
             legacy.Write()
             made[f"vtk {form}"] = path.read_bytes()
     for mode in ("Ascii", "Binary", "Appended"):
-        for packing in ("None", "ZLib", "LZMA"):
+        for packing, is_text in (("None", False), ("ZLib", False), ("ZLib", True)):
             xml = vtkXMLPolyDataWriter()
             xml.SetInputData(sphere.GetOutput())
             xml.WriteToOutputStringOn()
             getattr(xml, f"SetDataModeTo{mode}")()
             getattr(xml, f"SetCompressorTypeTo{packing}")()
-            xml.SetEncodeAppendedData(packing == "LZMA")
+            xml.SetEncodeAppendedData(is_text)
             xml.Write()
-            if mode != "Ascii" or packing == "None":
-                made[f"vtp {mode} {packing}"] = as_bytes(xml.GetOutputString())
+            if mode == "Appended" or (not is_text and (mode, packing) != ("Ascii", "ZLib")):
+                made[f"vtp {mode} {packing}{' base64' if is_text else ''}"] = as_bytes(
+                    xml.GetOutputString()
+                )
     return made
 
 

@@ -68,7 +68,7 @@ def test_a_single_array_is_told_how_to_become_an_archive() -> None:
 
 def test_binary_stl_that_is_cut_short_is_told() -> None:
     whole = bytes(80) + np.uint32(40).tobytes() + bytes(50 * 40)
-    with pytest.raises(MalformedFileError, match=r"2084 bytes.*cut short"):
+    with pytest.raises(MalformedFileError, match="STL that was cut short"):
         read_sequence(whole[:1000])
 
 

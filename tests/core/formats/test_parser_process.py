@@ -1,40 +1,56 @@
-"""Parsers that are forked: what they see, how they end, and who learns of it."""
+"""Parsers in processes of their own: what they see, how they end, and who learns of it."""
 
 from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import hostile_parsers
 import pytest
 from format_samples import sequence
-from hostile_parsers import TASKS
 
-from modalmotion.errors import MalformedFileError
-from modalmotion.formats import DEFAULT_LIMITS, ParserHere, write_vtkhdf
-from modalmotion.formats import parser_child as child
+from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.formats import DEFAULT_LIMITS, ParserHere, parser_process, write_vtkhdf
 from modalmotion.formats.parser_child import landlock_version
-from modalmotion.formats.parser_process import (
-    ParserForks,
-    ParserLostError,
-    ParserProcess,
-    parser_of_thread,
-)
+from modalmotion.formats.parser_process import ParserLostError, ParserProcess, parser_of_thread
+
+# A parser that knows hostile tasks too, which it imports before it is confined.
+PROGRAM = f"""
+import sys
+sys.path.insert(0, {str(Path(hostile_parsers.__file__).parent)!r})
+import hostile_parsers
+from modalmotion.formats import parser_child
+parser_child._TASKS.update(hostile_parsers.TASKS)
+sys.exit(parser_child.main())
+"""
+
+
+def started(program: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
 
 
 @pytest.fixture
-def forks(monkeypatch: pytest.MonkeyPatch) -> Iterator[ParserForks]:
-    for name, place in TASKS.items():
-        monkeypatch.setitem(child._TASKS, name, (place,))
-    made = ParserForks()
-    yield made
-    made.close()
+def parser(monkeypatch: pytest.MonkeyPatch) -> Iterator[ParserProcess]:
+    monkeypatch.setattr(parser_process, "_start", lambda: started(PROGRAM))
+    with ParserProcess(DEFAULT_LIMITS, 30.0) as made:
+        yield made
 
 
-def tell(forks: ParserForks, path: str = "/etc/passwd") -> dict[str, object]:
-    return forks.parse("tell", path.encode(), DEFAULT_LIMITS).info
+def tell(parser: ParserProcess, path: str = "/etc/passwd") -> dict[str, object]:
+    return parser.parse("tell", path.encode()).info
+
+
+def pid_of(parser: ParserProcess) -> int:
+    pid = tell(parser)["pid"]
+    assert isinstance(pid, int)
+    return pid
 
 
 def is_gone(pid: int) -> bool:
@@ -48,70 +64,85 @@ def is_gone(pid: int) -> bool:
     return False
 
 
-def test_it_parses_as_one_here_does(forks: ParserForks) -> None:
+def test_it_parses_as_one_here_does(parser: ParserProcess) -> None:
     data = write_vtkhdf(sequence())
     here = ParserHere(DEFAULT_LIMITS).parse("hdf5", data)
-    there = forks.parse("hdf5", data, DEFAULT_LIMITS)
+    there = parser.parse("hdf5", data)
     assert (there.arrays["vertices"] == here.arrays["vertices"]).all()
     with pytest.raises(MalformedFileError):
-        forks.parse("hdf5", data[:1000], DEFAULT_LIMITS)
-    assert forks.parse("hdf5", data, DEFAULT_LIMITS).info == there.info
+        parser.parse("hdf5", data[:1000])
+    assert parser.parse("hdf5", data).info == there.info
 
 
 @pytest.mark.skipif(not landlock_version(), reason="this system has no Landlock")
-def test_it_sees_no_file_and_none_of_its_parents(forks: ParserForks, tmp_path: Path) -> None:
+def test_it_sees_no_file_and_none_of_its_parents(parser: ParserProcess, tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("of somebody")
-    seen = tell(forks, str(tmp_path / "secret"))
+    seen = tell(parser, str(tmp_path / "secret"))
     assert seen["text"] == "PermissionError"
     assert not seen["traced"]
-    # Standard ones, the socket, and the list itself.
+    # Standard ones, copies of the two pipes, and the list itself.
     assert isinstance(seen["files"], int)
-    assert seen["files"] <= 5
+    assert seen["files"] <= 6
 
 
-def test_one_lives_until_it_is_ended(forks: ParserForks) -> None:
-    first = tell(forks)["pid"]
-    assert tell(forks)["pid"] == first
-    forks.end_parser()
-    assert isinstance(first, int)
+@pytest.mark.skipif(not landlock_version(), reason="this system has no Landlock")
+def test_one_that_cannot_be_confined_reads_no_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    program = """
+import sys
+from modalmotion.formats import parser_child
+parser_child.confine = lambda: False
+sys.exit(parser_child.main())
+"""
+    monkeypatch.setattr(parser_process, "_start", lambda: started(program))
+    with ParserProcess(DEFAULT_LIMITS, 30.0) as parser, pytest.raises(ParserLostError):
+        parser.parse("hdf5", write_vtkhdf(sequence()))
+
+
+def test_one_lives_until_it_is_closed(parser: ParserProcess) -> None:
+    first = pid_of(parser)
+    assert pid_of(parser) == first
+    parser.close()
     assert is_gone(first)
-    assert tell(forks)["pid"] not in (first, forks.pid, os.getpid())
-    forks.end_parser()
-    forks.end_parser()
+    assert pid_of(parser) not in (first, os.getpid())
+    parser.close()
+    parser.close()
 
 
 @pytest.mark.parametrize("how", [signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS])
-def test_a_file_that_ends_its_parser_is_damaged(forks: ParserForks, how: signal.Signals) -> None:
+def test_a_file_that_ends_its_parser_is_damaged(parser: ParserProcess, how: signal.Signals) -> None:
     with pytest.raises(MalformedFileError, match="crashed"):
-        forks.parse("end", b"%d" % how, DEFAULT_LIMITS)
-    assert tell(forks)["pid"]
+        parser.parse("end", b"%d" % how)
+    assert pid_of(parser)
 
 
-def test_an_answer_that_is_not_one_is_a_damaged_file(forks: ParserForks) -> None:
+def test_an_answer_that_is_not_one_is_a_damaged_file(parser: ParserProcess) -> None:
     with pytest.raises(MalformedFileError, match="crashed"):
-        forks.parse("lie", b"", DEFAULT_LIMITS)
-    assert tell(forks)["pid"]
+        parser.parse("lie", b"")
+    assert pid_of(parser)
 
 
-def test_a_parser_that_is_killed_says_nothing_of_its_file(forks: ParserForks) -> None:
-    pid = tell(forks)["pid"]
-    assert isinstance(pid, int)
-    os.kill(pid, signal.SIGKILL)
-    with pytest.raises(ParserLostError):
-        tell(forks)
-    with pytest.raises(ParserLostError):
-        forks.parse("end", b"%d" % signal.SIGKILL, DEFAULT_LIMITS)
+def test_a_parser_that_is_killed_says_nothing_of_its_file(parser: ParserProcess) -> None:
+    with pytest.raises(ParserLostError, match="from outside"):
+        parser.parse("end", b"%d" % signal.SIGKILL)
+    # But for one that takes too long, which this end kills.
+    with ParserProcess(DEFAULT_LIMITS, 2.0) as hasty, pytest.raises(LimitError, match="2 s"):
+        hasty.parse("spin", b"60")
 
 
-def test_with_the_process_that_forks_them_parsers_end_too(forks: ParserForks) -> None:
-    pid = tell(forks)["pid"]
-    assert isinstance(pid, int)
-    os.kill(forks.pid, signal.SIGKILL)
-    assert is_gone(pid)
-    with pytest.raises(ParserLostError):
-        tell(forks)
-    with pytest.raises(ParserLostError):
-        tell(forks)
+def test_it_ends_with_the_process_that_began_it(tmp_path: Path) -> None:
+    program = f"""
+import os, signal
+from modalmotion.formats import DEFAULT_LIMITS, ParserProcess
+parser = ParserProcess(DEFAULT_LIMITS)
+try:
+    parser.parse("hdf5", b"")
+except Exception:
+    pass
+open({str(tmp_path / "pid")!r}, "w").write(str(parser._child.pid))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    subprocess.run([sys.executable, "-c", program], check=False, timeout=120)
+    assert is_gone(int((tmp_path / "pid").read_text()))
 
 
 def test_one_that_was_ended_between_files_says_nothing_of_the_next() -> None:

@@ -285,6 +285,6 @@ def test_fields_of_a_legacy_file_state_time_and_coordinate_system(
     assert read.coordinate_system == "LPS"
     assert read.sequence.times is not None
     assert read.sequence.times.tolist() == [0.25]
-    assert read.ignored == ("point.wall thickness",)
+    assert read.ignored == ("point_data",)
     # Text has six digits.
     assert np.allclose(read.sequence.vertices[0], VERTICES[0], rtol=1e-5)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from ellipsoid_images import MIDDLE, Look, planes, spheroid, uneven, volume
+from ellipsoid_images import MIDDLE, RADIUS, Look, planes, spheroid, uneven, volume
 
 from modalmotion.images import PlaneSet, Volume
 from modalmotion.images.edges import Levels
@@ -77,6 +77,17 @@ def test_labels_of_a_thick_slice_are_those_of_its_middle() -> None:
     k = view.edges.is_found & (view.planes >= 6)
     assert np.mean(view.drawn[k]) > 0.25
     assert np.mean(view.edges.offsets[k]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_edges_of_labels_are_found_far_from_a_shape_that_is_too_small() -> None:
+    images = planes(look=Look(noise=0.0), thickness=1.5)
+    labelled = replace(IMAGING, levels=Levels(LOOK.blood, LOOK.wall, 0.0), shifts=np.zeros((8, 3)))
+    small = MIDDLE + 0.75 * (TEMPLATE.vertices - MIDDLE)
+    view = view_of(images, FACETS, small, labelled.within(4.0), 4.0)
+    # 5.5 mm aside across the axis, beyond the reach of 4 mm.
+    k = (view.planes == 3) & view.edges.is_found
+    assert k.sum() > 0.9 * (view.planes == 3).sum()
+    assert view.edges.offsets[k].mean() == pytest.approx(0.25 * RADIUS, abs=0.5)
 
 
 @pytest.mark.parametrize(("voxel", "blur"), [(3.0, 0.5), (5.0, 0.0)])

@@ -20,7 +20,6 @@ from ellipsoid_images import (
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.images import ImageSequence, Volume
-from modalmotion.images.sequence import is_of_labels
 from modalmotion.tracking import track
 from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
 
@@ -92,14 +91,6 @@ def left_by_steps(voxel: float, patch: float, rng: np.random.Generator) -> float
     heights = voxel * rng.random((n, 1, 1)) + first[:, :, None] + second[:, None, :]
     steps = (np.floor(heights / voxel) + 0.5) * voxel - heights
     return float(np.sqrt(np.mean((steps.mean(axis=(1, 2)) * normals[:, 2]) ** 2)))
-
-
-def test_two_values_are_a_segmentation_and_three_are_none() -> None:
-    whole = labels()
-    values = np.where(whole.values == 3, 7.0, 1.0)
-    assert is_of_labels(Volume(values, whole.affine))
-    values[0, 0, 0] = 2.0
-    assert not is_of_labels(Volume(values, whole.affine))
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.3, -0.3])

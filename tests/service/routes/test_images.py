@@ -18,7 +18,7 @@ from services import served, small_settings
 
 from modalmotion.formats import ParserHere
 from modalmotion.formats.volumes import read_images, reading
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.limits import DEFAULT_LIMITS

@@ -13,7 +13,7 @@ from browser import Browser, Opened, browser
 from ellipsoid_images import LANDMARKS, MIDDLE, volume
 from running import RunningService
 
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.images import ImageSequence
 from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion_service.access.keys import KeyRing

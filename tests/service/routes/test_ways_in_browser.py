@@ -16,7 +16,7 @@ from ellipsoid_images import AXES, CUT, MIDDLE, Look, volume
 from project import ROOT
 from running import RunningService
 
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.simulate import Acquisition, simulate_ventricle

@@ -32,9 +32,9 @@ def pool() -> Iterator[WorkerPool]:
 
 
 def parsers(pool: WorkerPool, owner: str) -> tuple[int, int]:
-    """Have an owner's file parsed; the process that forks parsers, and the parser."""
-    forks, parser = pool.submit_for(Terms(owner), parse_and_tell, SMALL).result(timeout=120)
-    return forks, parser
+    """Have an owner's file parsed; the worker, and its parser."""
+    worker, parser = pool.submit_for(Terms(owner), parse_and_tell, SMALL).result(timeout=120)
+    return worker, parser
 
 
 def require_ended(*pids: int) -> None:
@@ -45,27 +45,39 @@ def require_ended(*pids: int) -> None:
 
 
 def test_a_parser_serves_one_owner_and_ends_with_the_turn(pool: WorkerPool) -> None:
-    forks, first = parsers(pool, "lab")
-    assert parsers(pool, "lab") == (forks, first)
+    worker, first = parsers(pool, "lab")
+    assert parsers(pool, "lab") == (worker, first)
     same, others = parsers(pool, "ward")
-    assert same == forks
+    assert same == worker
     assert others != first
     assert not is_running(first)
 
 
-@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("owner", ["lab", "ward"])
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_no_loss_of_a_parser_costs_a_task(
-    pool: WorkerPool, which: int, how: signal.Signals
+    pool: WorkerPool, owner: str, how: signal.Signals
 ) -> None:
-    before = parsers(pool, "lab")
-    os.kill(before[which], how)
+    worker, parser = parsers(pool, "lab")
+    os.kill(parser, how)
     if how == signal.SIGKILL:
-        require_ended(before[1])
-    # Of what forks them only the next owner's file has need.
-    after = parsers(pool, "lab" if which else "ward")
-    assert after[0] != before[0]
-    require_ended(*before)
+        require_ended(parser)
+    after = parsers(pool, owner)
+    assert after[1] != parser
+    # One that stands still is ended with its worker, unless its turn is over.
+    assert after[0] == worker or (how, owner) == (signal.SIGSTOP, "lab")
+    require_ended(parser)
+
+
+def test_a_parser_that_is_killed_at_work_costs_its_worker_and_no_task(pool: WorkerPool) -> None:
+    worker, parser = parsers(pool, "lab")
+    task = pool.submit_for(Terms("lab"), parse_and_tell, SMALL, 2_000)
+    time.sleep(0.3)
+    os.kill(parser, signal.SIGKILL)
+    again, other = task.result(timeout=120)
+    assert again != worker
+    assert other != parser
+    require_ended(worker, parser)
 
 
 def test_the_time_of_parsers_counts_among_the_means_of_a_task(pool: WorkerPool) -> None:

@@ -75,7 +75,7 @@ def test_prices_rise_with_the_size_of_the_file(tmp_path: Path) -> None:
         lambda n: price(
             sequences.encode_sequence, upload(tmp_path, n), EncodingTarget(rms=1), out, out
         ),
-        lambda n: price(sequences.decode_upload, file_of(tmp_path, n), None, None, None, NPZ, out),
+        lambda n: price(sequences.decode_upload, file_of(tmp_path, n), None, None, NPZ, out),
         lambda n: price(signatures.read_out, file_of(tmp_path, n), NOWHERE, None, JSON),
     ]
     for make in makers:

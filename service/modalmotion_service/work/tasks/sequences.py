@@ -106,7 +106,6 @@ def encode_sequence(
         store.sequence_from_hdf5(source) if isinstance(source, Path) else source.read().sequence,
         rms=target.rms,
         max_error=target.max_error,
-        n_bytes=target.bytes,
         effort=target.effort,
         progress=part_of(ProgressFile(progress).write, 0.0, 1.0, "encoding"),
     )
@@ -118,12 +117,11 @@ def decode_upload(
     upload: Path,
     limits: ReadLimits,
     frames: range | None,
-    vertices: range | None,
     media_type: str,
     output: Path,
 ) -> None:
     """Decode a compressed stream and write its sequence: npz, VTKHDF or raw float32."""
-    sequence = decode(upload.read_bytes(), frames=frames, vertices=vertices, limits=limits)
+    sequence = decode(upload.read_bytes(), frames=frames, limits=limits)
     write = {NPZ: write_npz, VTKHDF: write_vtkhdf, RAW: write_raw}[media_type]
     write_whole(output, write(sequence))
 

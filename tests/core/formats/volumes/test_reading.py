@@ -17,7 +17,7 @@ from image_files import metaimage
 from modalmotion.errors import LimitError, MalformedFileError, ShapeError
 from modalmotion.formats import ParserHere
 from modalmotion.formats.volumes import read_images, write_nifti_zip
-from modalmotion.formats.volumes.nifti import write_nifti
+from modalmotion.formats.volumes.one_file import write_nifti
 from modalmotion.formats.volumes.stack import scaled
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.limits import DEFAULT_LIMITS
