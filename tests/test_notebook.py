@@ -13,7 +13,7 @@ def test_every_cell_runs_and_shows_what_it_is_for() -> None:
     # A kernel of its own starts: seconds.
     nbclient = pytest.importorskip("nbclient")
     nbformat = pytest.importorskip("nbformat")
-    for extra in ("ipykernel", "anywidget", "pandas", "matplotlib"):
+    for extra in ("ipykernel", "anywidget", "pandas", "xarray", "matplotlib"):
         pytest.importorskip(extra)
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     nbformat.validate(notebook)

@@ -15,17 +15,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 from PIL import Image
 
 from modalmotion.clinical import clinical_readouts
-from modalmotion.mesh import face_normals
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes import dispersion, group_velocity, phase_velocity
 from modalmotion.modes.lattice import Lattice
@@ -37,11 +34,9 @@ from modalmotion.modes.topology import (
     lattice_coordinates,
     parse_label,
 )
-from modalmotion.numeric.scales import lengths
-from modalmotion.pictures.modes import COLOURS, TILT, draw_shape
+from modalmotion.pictures.modes import COLOURS, Extent, draw_moved, draw_shape
 from modalmotion.pictures.signature import main_trajectories
 from modalmotion.pictures.track import overlay_figure
-from modalmotion.pictures.view import fill_cube, tilted, upright
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import (
@@ -51,7 +46,7 @@ from modalmotion.simulate import (
     simulate_images,
     simulate_ventricle,
 )
-from modalmotion.template import Template, make_template
+from modalmotion.template import make_template
 from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.template.vibration_modes import (
     lattice_modes,
@@ -62,48 +57,6 @@ from modalmotion.tracking import track as track_through
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "figures"
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
-
-# Towards the light, in the view: x to the right, y away from the viewer, z up.
-LIGHT = np.array([-0.48, -0.6, 0.64])
-
-
-class Extent:
-    """Extent of all frames: a box in the view, and the largest displacement."""
-
-    def __init__(
-        self,
-        template: Template,
-        positions: Iterable[NDArray[np.float64]],
-        heights: Iterable[NDArray[np.float64]],
-    ) -> None:
-        self.view = tilted(upright(template), TILT)
-        self.size = float(np.abs(template.vertices).max()) or 1.0
-        shown = [x / self.size @ self.view for x in positions]
-        low = np.min([x.min(axis=0) for x in shown], axis=0)
-        self.box = np.stack([low, np.max([x.max(axis=0) for x in shown], axis=0)])
-        self.largest = max((float(np.abs(h).max()) for h in heights), default=0.0) or 1.0
-
-
-def draw_moved(
-    panel: Any,
-    template: Template,
-    x: NDArray[np.float64],
-    height: NDArray[np.float64],
-    extent: Extent,
-) -> None:
-    """Draw one frame on 3D axes, coloured by the displacement of its vertices."""
-    shown = x / extent.size @ extent.view
-    fill_cube(panel, extent.box)
-    values = height[template.faces].mean(axis=1)
-    colours = colormaps[COLOURS](0.5 + 0.5 * values / extent.largest)
-    normals = face_normals(shown, template.faces)
-    steep = np.abs(normals @ LIGHT) / np.maximum(lengths(normals), 1e-300)
-    colours[:, :3] *= (0.7 + 0.3 * steep)[:, None]
-    panel.add_collection3d(
-        Poly3DCollection(
-            shown[template.faces], facecolors=colours, edgecolors=colours, linewidths=0.3
-        )
-    )
 
 
 def chain() -> Figure:

@@ -56,8 +56,10 @@ if TYPE_CHECKING:
     from modalmotion.exports.files import load as load
     from modalmotion.exports.files import plot as plot
     from modalmotion.exports.files import save as save
+    from modalmotion.exports.files import to_html as to_html
     from modalmotion.exports.reading import read as read
     from modalmotion.exports.tables import to_dataframe as to_dataframe
+    from modalmotion.exports.tables import to_xarray as to_xarray
     from modalmotion.formats import ReadLimits as ReadLimits
     from modalmotion.formats import read_npz as read_npz
     from modalmotion.formats import read_sequence as read_sequence

@@ -306,11 +306,12 @@ TRIED = (
         (lambda _: compare(fitted(), fitted()),),
     ),
     Try(
-        "Set one of rms and max_error.",
+        "Set one of rms, max_error and bytes (in Python n_bytes).",
         lambda: encode(surface(n=40), rms=1.0, max_error=1.0),
         (
             lambda _: encode(surface(n=40), rms=1.0, effort="fast"),
             lambda _: encode(surface(n=40), max_error=1.0, effort="fast"),
+            lambda _: encode(surface(n=40), n_bytes=6000, effort="fast"),
         ),
     ),
     Try(

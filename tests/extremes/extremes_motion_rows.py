@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.modes import ModeSet, lowest_modes
-from modalmotion.modes.lattice import Lattice, project, superpose
+from modalmotion.modes.lattice import Lattice, project, project_all, superpose, superpose_all
 from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, TORUS, lattice_coordinates
 
 Row = tuple[str, str, Callable[[], float], float, Callable[[], float] | None]
@@ -103,7 +103,7 @@ def checkerboard_error() -> float:
         # On a sphere p' = N' / 2 must be odd for the sine that alternates.
         lattice = Lattice(topology, (16, 10))
         board = (-1.0) ** np.add.outer(np.arange(16), np.arange(10))
-        a = np.sort(np.abs(project(lattice, lattice.all_modes(), board.reshape(1, -1, 1)).ravel()))
+        a = np.sort(np.abs(project_all(lattice, board.reshape(1, -1, 1)).ravel()))
         worst = max(worst, a[-2], abs(a[-1] - 1))
     return float(worst)
 
@@ -112,8 +112,8 @@ def reconstruction_error() -> float:
     worst = 0.0
     for topology in (CYLINDER, CUP, SPHERE, TORUS):
         lattice = Lattice(topology, (40, 100))
-        u, every = beat(lattice), lattice.all_modes()
-        worst = max(worst, np.abs(superpose(lattice, every, project(lattice, every, u)) - u).max())
+        u = beat(lattice)
+        worst = max(worst, np.abs(superpose_all(lattice, project_all(lattice, u)) - u).max())
     return float(worst / np.abs(u).max())
 
 
@@ -121,9 +121,7 @@ def parseval_error() -> float:
     lattice = Lattice(CUP, (40, 100))
     u = beat(lattice)
     total = (u**2).mean(axis=1)
-    return float(
-        np.abs((project(lattice, lattice.all_modes(), u) ** 2).sum(axis=1) / total - 1).max()
-    )
+    return float(np.abs((project_all(lattice, u) ** 2).sum(axis=1) / total - 1).max())
 
 
 def small_residual_error(subtract: bool) -> float:
@@ -132,7 +130,7 @@ def small_residual_error(subtract: bool) -> float:
     amplitudes = np.zeros((1, 60, 1))
     amplitudes[0, :54, 0], amplitudes[0, 54:, 0] = 1.0, 1e-10
     u = superpose(lattice, modes, amplitudes)
-    every = project(lattice, lattice.all_modes(), u)
+    every = project_all(lattice, u)
     dropped = (every[:, 54:] ** 2).sum()
     found = (u**2).mean() - (every[:, :54] ** 2).sum() if subtract else dropped
     return float(abs(found / 6e-20 - 1))

@@ -40,7 +40,7 @@ export class Calls {
   page = async (id, query) => this.blob(`${await this.signature(id, query)}/view`, "text/html");
   report = async (id, query, type) => this.blob(`${await this.signature(id, query)}/report`, type);
   dicom = async (id, query, instance) =>
-    this.blob(`${await this.signature(id, query)}/dicom`, "application/dicom", { method: "POST", body: instance, type: "application/octet-stream" });
+    this.blob(`${await this.signature(id, query)}/dicom`, "application/zip", { method: "POST", body: instance, type: "application/octet-stream" });
 
   async signature(id, query) {
     if (!query || !query.size) return `/v1/signatures/${id}`;

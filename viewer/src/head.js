@@ -47,7 +47,7 @@ export function headOf(motion, actions, isEmbedded, say, compare) {
       compare || null,
       button("Report (PDF)", actions.report, "A page for people: volumes, strain, segments, class"),
       button("FHIR", actions.fhir, "The report for systems: a FHIR R4 bundle"),
-      button("DICOM SR", actions.dicom, "The report as an object of the patient's study: choose any instance of that study"),
+      button("DICOM SR", actions.dicom, "The report as objects of the patient's study: choose any instance of that study"),
       button("Table (CSV)", actions.csv, "A row for each frame: time, volume, strain, amplitudes"),
       button("One-file page", actions.page, "This page with its data as one file that opens without a network"),
       button("Picture", actions.picture, "What you see, as PNG"),

@@ -131,7 +131,7 @@ class Pages {
       fhir: report("application/fhir+json", "-fhir.json"),
       dicom: record.facts.coordinates === "LPS" && record.unit === "mm" ? async () => {
         const instance = await chosenFile();
-        if (instance) save(await calls.dicom(id, query, instance), file("-report.dcm"));
+        if (instance) save(await calls.dicom(id, query, instance), file("-dicom.zip"));
       } : null,
       page: async () => save(await calls.page(id, query), file(".html")),
       remove: () => this.remove(id, nameOf(this.current.header)),

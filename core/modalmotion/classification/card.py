@@ -230,12 +230,20 @@ def parse_reference(text: str) -> ModelReference:
     return ModelReference(match[1], None if match[2] is None else int(match[2]))
 
 
+# Facts in YAML, as the Hugging Face Hub reads them.
+_HUB_HEAD: Final = """---
+library_name: modalmotion
+tags: [modalmotion, motion, mesh, medical, not-a-medical-device]
+---
+
+"""
+
 # What would be read as Markdown or as a table, in texts of others.
 _MARKS: Final = re.compile(r"([\\`*_{}\[\]|#~$])")
 
 
-def card_markdown(name: str, model_id: str, card: ModelCard) -> str:
-    """Write a card as Markdown, the same for the same card."""
+def card_markdown(name: str, model_id: str, card: ModelCard, *, head: bool = False) -> str:
+    """Write a card as Markdown, the same for the same card; with the head that the Hub reads."""
     parts = [
         f"# {_plain(name)}",
         f"Classifies the motion of a surface: {_listed(card.classes)}. Model id `{model_id}`.",
@@ -260,7 +268,8 @@ def card_markdown(name: str, model_id: str, card: ModelCard) -> str:
         _table(("library", "version"), sorted(card.versions.items())),
         _list("## Caveats", map(str, card.notes)),
     ]
-    return "\n\n".join(part for part in parts if part) + "\n"
+    page = "\n\n".join(part for part in parts if part) + "\n"
+    return _HUB_HEAD + page if head else page
 
 
 def _evaluation(card: ModelCard) -> list[str]:

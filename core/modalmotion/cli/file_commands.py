@@ -52,10 +52,11 @@ def encode(
     output: Annotated[Path, OutputFile()],
     rms: float | None = None,
     max_error: float | None = None,
+    n_bytes: Annotated[int | None, {"flag": "bytes"}] = None,
     effort: Literal["fast", "balanced"] = "balanced",
     **options: Any,
 ) -> Any:
-    """Compress the sequence in FILE at a given error, in its unit.
+    """Compress the sequence in FILE at a given error (in its unit) or size.
 
     Without either, the largest error is 0.3 % of the diagonal of its bounding box.
 
@@ -67,6 +68,8 @@ def encode(
         Largest RMS distance of the vertices, in their unit.
     max_error
         Largest error of any vertex, in its unit.
+    n_bytes
+        Largest size of the stream.
     effort
         Number of transforms tried: fast takes a third of the time and more bits.
     """
@@ -78,6 +81,7 @@ def encode(
             sequence,
             rms=rms,
             max_error=max_error,
+            n_bytes=n_bytes,
             effort=effort,
             progress=show,
         )

@@ -139,23 +139,27 @@ def classify(
     return _answer_json(result), _answer_lines(result)
 
 
-@command("card mine.h5 -o card.md")
+@command("card mine.h5 --markdown -o README.md")
 @click.argument("model")
-def card(model: str, out: Annotated[Path | None, OutputFile()] = None) -> Any:
+def card(
+    model: str, markdown: bool = False, out: Annotated[Path | None, OutputFile()] = None
+) -> Any:
     """Show the training and the performance of MODEL.
 
     MODEL is a file, or the name of an included model.
 
     Parameters
     ----------
+    markdown
+        With the YAML head that the Hugging Face Hub reads.
     out
-        File to write, as Markdown.
+        File to write.
     """
     from modalmotion.classification import card_markdown
     from modalmotion.store import write_atomic
 
     stored = model_named(model)
-    text = card_markdown(stored.name, stored.id, stored.card)
+    text = card_markdown(stored.name, stored.id, stored.card, head=markdown)
     if out is not None:
         write_atomic(out, text.encode())
     return stored.card.as_json(), [text.rstrip()] if out is None else []

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
 
+import click
 import numpy as np
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     PICTURES,
     OutputFile,
+    OutputFolder,
     command,
+    require_matplotlib,
     surface_options,
     write_picture,
 )
@@ -37,9 +42,31 @@ from modalmotion.template.vibration_modes import (
 )
 
 _GRIDS: Final = {1: (64,), 2: (32, 64), 3: (8, 8, 16)}
-_MODE_FILES: Final = (*PICTURES, ".npz", ".h5")
-_ANIMATIONS: Final = (".glb", ".vtkhdf", ".npz", ".zip")
+_MODE_FILES: Final = (*PICTURES, ".glb", ".npz", ".h5")
+_ANIMATIONS: Final = (".glb", ".vtkhdf", ".npz", ".zip", ".gif")
 _TERMS: Final = {"flag": "mode", "type": str, "multiple": True, "metavar": "LABEL=AMPLITUDE"}
+_NUMBERED: Final = re.compile(r"%0?[0-9]*d")
+
+
+class _AnimationFiles(OutputFile):
+    """A file to write, numbered pictures, or a folder for them."""
+
+    def require(self, path: Path, param: click.Parameter | None, ctx: click.Context | None) -> None:
+        """Fail where they cannot be written."""
+        if path.suffix.lower() in ("", ".png", ".gif"):
+            require_matplotlib()
+        if not path.suffix:
+            OutputFolder().convert(path, param, ctx)
+            return
+        if path.suffix.lower() == ".png":
+            name = _NUMBERED.sub("", path.name, count=1)
+            if name == path.name or "%" in name:
+                self.fail(
+                    f"{path.name} names one picture for all frames; number them: frame_%03d.png.",
+                    param,
+                    ctx,
+                )
+        super().require(path, param, ctx)
 
 
 class _Surface(NamedTuple):
@@ -58,6 +85,7 @@ def modes(
     grid: tuple[int, ...] | None,
     topology: str | None,
     modes: int = 7,
+    direction: Direction = Direction.NORMAL,
     output: Annotated[Path | None, OutputFile(*_MODE_FILES)] = None,
     **stated: Any,
 ) -> Any:
@@ -71,13 +99,15 @@ def modes(
     ----------
     modes
         How many; no pair is split.
+    direction
+        Direction in which the vertices move.
     output
-        Picture (.png, .svg, .pdf) or shapes (.npz, .h5) to write.
+        Picture (.png, .svg, .pdf), animation (.glb), or shapes (.npz, .h5) to write.
     """
     surface = _surface(source, grid, topology, stated)
     vibration_modes = _lowest(surface, modes)
     if output is not None:
-        _write_modes(output, surface, vibration_modes)
+        _write_modes(output, surface, vibration_modes, direction)
     frequencies = vibration_modes.angular_frequencies.tolist()
     return {
         "surface": vibration_modes.surface,
@@ -98,7 +128,7 @@ def animate(
     grid: tuple[int, ...] | None,
     topology: str | None,
     terms: Annotated[tuple[str, ...], _TERMS],
-    output: Annotated[Path, OutputFile(*_ANIMATIONS)],
+    output: Annotated[Path, _AnimationFiles(*_ANIMATIONS, ".png")],
     direction: Direction = Direction.NORMAL,
     frames: int = 48,
     seconds: float = 2.0,
@@ -117,7 +147,8 @@ def animate(
     terms
         Such as 1,1,cos=5, in the unit of FILE; 'spring 3=5' on a mesh. Repeat for more.
     output
-        .glb, .vtkhdf, .npz or .zip (of PLY).
+        .glb, .vtkhdf, .npz, .zip (of PLY), .gif, numbered pictures such as frame_%03d.png,
+        or a folder for them.
     direction
         Direction in which the vertices move.
     frames
@@ -149,7 +180,7 @@ def animate(
         together=together,
         unit=surface.unit,
     )
-    _write_animation(output, motion)
+    _write_animation(output, template, motion, seconds / frames)
     names = list(map(str, labels))
     return {"n_frames": frames, "modes": names, "n_vertices": template.n_vertices}
 
@@ -207,28 +238,55 @@ def _terms(terms: tuple[str, ...]) -> tuple[list[ModeLabel], list[float]]:
     return labels, amplitudes
 
 
-def _write_modes(output: Path, surface: _Surface, vibration_modes: VibrationModes) -> None:
-    from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
+def _write_modes(
+    output: Path, surface: _Surface, vibration_modes: VibrationModes, direction: Direction
+) -> None:
+    from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz, one_by_one
+    from modalmotion.formats import write_glb
     from modalmotion.store import write_atomic
 
     if output.suffix.lower() == ".npz":
         write_atomic(output, modes_to_npz(vibration_modes))
     elif output.suffix.lower() == ".h5":
         write_atomic(output, modes_to_hdf5(vibration_modes))
+    elif output.suffix.lower() == ".glb":
+        template = _template(surface)
+        along = directions_on(template, direction)
+        motion = one_by_one(template, vibration_modes, along, surface.unit)
+        write_atomic(output, write_glb(motion.morph_animation()))
     else:
         from modalmotion.pictures.modes import modes_figure
 
         write_picture(modes_figure(_template(surface), vibration_modes), output)
 
 
-def _write_animation(output: Path, motion: Any) -> None:
+def _write_animation(output: Path, template: Template, motion: Any, step: float) -> None:
     from modalmotion.exports.signature_pack import SUFFIXES, SurfaceFormat, write_surfaces
     from modalmotion.formats import write_glb
     from modalmotion.store import write_atomic
 
-    form = SUFFIXES[output.suffix.lower()]
-    if form == SurfaceFormat.GLB:
-        write_atomic(output, write_glb(motion.morph_animation()))
+    if output.suffix.lower() in SUFFIXES:
+        form = SUFFIXES[output.suffix.lower()]
+        if form == SurfaceFormat.GLB:
+            write_atomic(output, write_glb(motion.morph_animation()))
+            return
+        fields = {"displacement": np.stack([*motion.heights()])}
+        write_atomic(output, write_surfaces(motion.sequence(), form, fields))
         return
-    fields = {"displacement": np.stack([*motion.heights()])}
-    write_atomic(output, write_surfaces(motion.sequence(), form, fields))
+    from modalmotion.pictures.modes import Extent, draw_frames, write_gif, write_png
+
+    extent = Extent(template, motion.positions(), motion.heights())
+    pictures = draw_frames(template, motion.positions(), motion.heights(), extent)
+    if output.suffix.lower() == ".gif":
+        write_atomic(output, write_gif(pictures, step))
+        return
+    for path, picture in zip(_numbered(output, motion.n_frames), pictures, strict=True):
+        write_atomic(path, write_png(picture))
+
+
+def _numbered(output: Path, n_frames: int) -> Iterator[Path]:
+    """Name a picture for each frame: by the pattern, or in the folder."""
+    if output.suffix.lower() != ".png":
+        output.mkdir(parents=True, exist_ok=True)
+        output = output / f"frame_%0{len(str(n_frames - 1))}d.png"
+    return (output.with_name(output.name % frame) for frame in range(n_frames))

@@ -130,28 +130,29 @@ def quantity_lines(found: Report) -> Iterator[str]:
         yield f"{OWN[q.name]:<32}{value:>8} {q.unit} ({interval})"
 
 
-@command("dicom beat.npz --study image.dcm --coordinates LPS --cavity lv -o report.dcm")
+@command("dicom beat.npz --study image.dcm --coordinates LPS --cavity lv -o folder")
 @report_options
 def dicom(
     source: Path,
-    out: Annotated[Path, OutputFile(".dcm")],
+    out: Annotated[Path, OutputFolder()],
     study: Annotated[Path, EXISTING_FILE],
     **options: Any,
 ) -> Any:
-    """Write a DICOM structured report of the sequence in FILE.
+    """Write a DICOM structured report and surfaces of the sequence in FILE.
 
-    It follows TID 1500, as an instance of the patient's study. Coordinates must be stated as LPS,
-    in mm. Needs pydicom and highdicom (extra dicom).
+    The folder gets report.dcm (TID 1500) and the surfaces at the ends of diastole and systole as
+    encapsulated STL, as instances of the patient's study. Coordinates must be stated as LPS, in
+    mm. Needs pydicom and highdicom (extra dicom).
 
     Parameters
     ----------
     out
-        File to write (.dcm).
+        Folder to write.
     study
         Any instance of the patient's study: its header is copied, and its pixels are not
         read.
     """
-    from modalmotion.reports.dicom import dicom_report, read_study, require_space
+    from modalmotion.reports.dicom import dicom_instances, read_study, require_space
     from modalmotion.store import write_atomic
 
     with naming(study):
@@ -160,8 +161,11 @@ def dicom(
         found = _reported(source, waiting, **options)
         require_space(found.sequence.facts, found.sequence.unit)
         with waiting.watch.stage("write"):
-            write_atomic(out, dicom_report(found, header))
-    return {"caveats": found.caveats, "written": [out]}
+            pieces = dicom_instances(found, header)
+            out.mkdir(parents=True, exist_ok=True)
+            for name, data in pieces.items():
+                write_atomic(out / name, data)
+    return {"caveats": found.caveats, "written": [out / name for name in pieces]}
 
 
 @command("view beat.npz -o beat.html")

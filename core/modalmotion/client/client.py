@@ -352,7 +352,7 @@ class Client(Recordings):
     def save_dicom(
         self, sequence_id: str, study: bytes | Path, path: str | Path, **options: Option
     ) -> None:
-        """Write a DICOM structured report of a patient's study.
+        """Write a zip of DICOM objects of a patient's study: a structured report and surfaces.
 
         Parameters
         ----------
@@ -370,9 +370,7 @@ class Client(Recordings):
         """
         own, rest = parted(options)
         place = f"/v1/signatures/{self._key(sequence_id, own)}/dicom"
-        self._save(
-            path, Call("POST", place, rest, "application/dicom", body_of(study), is_repeatable=True)
-        )
+        self._save(path, Call("POST", place, rest, ZIP, body_of(study), is_repeatable=True))
 
     def save_tracked_report(
         self,

@@ -287,13 +287,13 @@ class Recordings(Caller):
         source : path, bytes or MeshSequence
         progress : callable, optional
         **options
-            One of rms and max_error (length unit of the sequence); effort; and how to read the
-            file.
+            One of rms, max_error (length unit of the sequence) and bytes; effort; and how to
+            read the file.
         """
 
     @call("GET /v1/sequences/{sequence_id}/encoded", STREAM)
     def encoded(self, sequence_id: str, **options: Option) -> Info:
-        """Return a stored sequence as a compressed stream: rms or max_error; effort."""
+        """Return a stored sequence as a compressed stream: rms, max_error or bytes; effort."""
 
     @call("POST /v1/decode", NPZ)
     def decode(

@@ -26,7 +26,7 @@ from modalmotion.codec.frames import (
     encode_frames,
     require_target,
 )
-from modalmotion.codec.search import Encoded, Errors, measure
+from modalmotion.codec.search import MOST_TRIALS, Encoded, Errors, measure, try_sizes
 from modalmotion.codec.spatial_modes import STORED
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
@@ -49,10 +49,11 @@ def encode(
     *,
     rms: float | None = None,
     max_error: float | None = None,
+    n_bytes: int | None = None,
     effort: Effort | str = Effort.BALANCED,
     progress: Reporter | None = None,
 ) -> Encoded:
-    """Encode a mesh sequence at a given error.
+    """Encode a mesh sequence at one of three targets.
 
     Without a target the largest error is 0.3 % of the diagonal of the bounding box.
 
@@ -64,6 +65,8 @@ def encode(
         frames, that the stream does not exceed.
     max_error : float, length unit, optional
         Distance from its original that no vertex in any frame exceeds.
+    n_bytes : int, optional
+        Bytes that the stream does not exceed.
     effort : {"fast", "balanced"}
         How many transforms are tried, and for meshes without a lattice how large the
         eigenproblems of a decoder are: "fast" takes a third of the time, and on surfaces a sixth
@@ -79,9 +82,10 @@ def encode(
     Raises
     ------
     ParameterError
-        If there are two targets, one is not positive, or the effort is unknown.
+        If there are several targets, one is not positive, the effort is unknown, or no
+        stream of so few bytes contains the sequence.
     """
-    target = require_target(rms, max_error, _usual_error(sequence))
+    target = require_target(rms, max_error, n_bytes, _usual_error(sequence))
     try:
         effort = Effort(effort)
     except ValueError:
@@ -94,8 +98,12 @@ def encode(
     faces = _faces_section(sequence, RELATIONS[effort])
     report(Progress(SHARE_OF_FACES))
     rest = part_of(report, SHARE_OF_FACES, 1.0)
-    encoded = _at_error(sequence, choice, faces, target, rest)
-    if effort == Effort.BALANCED and sequence.n_vertices <= FEW:
+    if target.measure == Measure.BYTES:
+        encoded = _within_bytes(sequence, choice, faces, int(target.value), rest)
+    else:
+        encoded = _at_error(sequence, choice, faces, target, rest)
+    is_error = target.measure != Measure.BYTES
+    if is_error and effort == Effort.BALANCED and sequence.n_vertices <= FEW:
         quick = encode(sequence, rms=rms, max_error=max_error, effort=Effort.FAST)
         encoded = min(encoded, quick, key=lambda one: one.n_bytes)
     report(Progress(1.0))
@@ -151,6 +159,42 @@ def _store(sequence: MeshSequence, faces: bytes) -> Encoded:
     header = _header(sequence, STORED, errors, tuple(len(part) for part in frames))
     data = write_stream(header, faces, [store_positions(part) for part in frames])
     return _encoded(sequence, data, errors, "stored without loss")
+
+
+def _within_bytes(
+    sequence: MeshSequence, choice: Choice, faces: bytes, n_bytes: int, report: Reporter
+) -> Encoded:
+    """Search the error whose stream just fits."""
+    stored = _store(sequence, faces)
+    best = stored if stored.n_bytes <= n_bytes else None
+    extent = float(np.ptp(sequence.vertices.astype(np.float64), axis=(0, 1)).max())
+    if best is not None or not (np.isfinite(extent) and extent > 0):
+        return _require_fit(best, stored.n_bytes, n_bytes)
+    trials: list[Encoded] = []
+
+    def size(log_rms: float) -> int | None:
+        share = len(trials) / MOST_TRIALS
+        inside = part_of(report, share, share + 1 / MOST_TRIALS)
+        target = Target(Measure.RMS, float(np.exp(log_rms)))
+        trials.append(_at_error(sequence, choice, faces, target, inside))
+        return None if trials[-1].rms == 0.0 else trials[-1].n_bytes
+
+    bracket = np.log(extent) - 23.0, np.log(extent) + 2.0
+    a_bit_each = sequence.vertices.size / (8.0 * np.log(2.0))
+    try_sizes(size, n_bytes, bracket, np.log(extent) - 6.0, a_bit_each)
+    fitting = [trial for trial in trials if trial.n_bytes <= n_bytes]
+    best = min(fitting, key=lambda trial: trial.rms, default=None)
+    return _require_fit(best, min(one.n_bytes for one in (stored, *trials)), n_bytes)
+
+
+def _require_fit(best: Encoded | None, smallest: int, n_bytes: int) -> Encoded:
+    if best is None:
+        raise ParameterError(
+            f"No stream of {n_bytes} bytes contains this sequence; the smallest has {smallest}.",
+            remedy="Allow more bytes: connectivity and header alone take some.",
+            details={"smallest": smallest},
+        )
+    return best
 
 
 def _faces_section(sequence: MeshSequence, n_relations: tuple[int, ...]) -> bytes:

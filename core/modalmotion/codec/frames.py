@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.arguments.checking import real
+from modalmotion.arguments.checking import real, whole
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
 from modalmotion.codec.coder import LARGEST_MAGNITUDE, Guards, find_guards
 from modalmotion.codec.joined_modes import edges_of
@@ -44,6 +44,7 @@ class Measure(StrEnum):
 
     RMS = "rms"
     MAX_ERROR = "max_error"
+    BYTES = "n_bytes"
 
 
 @dataclass(frozen=True)
@@ -58,12 +59,15 @@ USUAL_SHARE: Final = 0.003
 """Largest error, as a share of the diagonal of the sequence's bounding box, if no target is set."""
 
 
-def require_target(rms: float | None, max_error: float | None, usual: float) -> Target:
+def require_target(
+    rms: float | None, max_error: float | None, n_bytes: int | None, usual: float
+) -> Target:
     """Check that there is at most one target, positive and finite.
 
     Parameters
     ----------
     rms, max_error : float or None, length unit
+    n_bytes : int or None
     usual : float, length unit
         Largest error if none of them is given.
 
@@ -72,18 +76,25 @@ def require_target(rms: float | None, max_error: float | None, usual: float) -> 
     ParameterError
         Otherwise.
     """
-    if rms is not None and max_error is not None:
-        raise ParameterError(
-            "Two targets are set: rms and max_error.", remedy="Set one of rms and max_error."
-        )
-    if rms is None and max_error is None:
+    bounds = {
+        Measure.RMS: rms,
+        Measure.MAX_ERROR: max_error,
+        Measure.BYTES: n_bytes,
+    }
+    targets = [(measure, value) for measure, value in bounds.items() if value is not None]
+    if not targets:
         return Target(Measure.MAX_ERROR, usual)
-    measure = Measure.MAX_ERROR if rms is None else Measure.RMS
-    value = real(measure.value, max_error if rms is None else rms)
+    if len(targets) > 1:
+        raise ParameterError(
+            f"Several targets are set: {', '.join(m for m, _ in targets)}.",
+            remedy="Set one of rms, max_error and bytes (in Python n_bytes).",
+        )
+    measure, value = targets[0]
+    value = (whole if measure == Measure.BYTES else real)(measure.value, value)
     if not (math.isfinite(value) and value > 0):
         raise ParameterError(
             f"The target {measure} = {value} is not positive and finite.",
-            remedy="Ask for an error in the unit of the vertices.",
+            remedy="Ask for an error in the unit of the vertices, or a number of bytes.",
         )
     return Target(measure, float(value))
 

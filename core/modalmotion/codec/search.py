@@ -230,6 +230,63 @@ def least(cost: Callable[[float], int], start: float, ratio: float, most: int) -
     return float(start * ratio**best)
 
 
+MOST_TRIALS: Final = 14
+# Of the size that is allowed: where to aim, and what is close enough.
+AIM: Final = 0.995
+FULL_ENOUGH: Final = 0.99
+# Ratios of errors, as logarithms, that are worth no more trials: between two streams, and between a
+# stream and what is too fine for one.
+CLOSE: Final = 0.01
+COARSE: Final = 0.1
+
+
+def try_sizes(
+    size: Callable[[float], int | None],
+    most: int,
+    bracket: tuple[float, float],
+    start: float,
+    slope: float,
+) -> None:
+    """Try errors until one has nearly the largest size that is allowed.
+
+    At fine errors the size falls straight with the logarithm of the error: a bit for each
+    coefficient where the error is halved. Lines through the last two trials find it.
+
+    Parameters
+    ----------
+    size : callable
+        Bytes at the logarithm of an error; None if it is too fine for a stream. Whoever asks
+        keeps the best.
+    most : int
+        Bytes.
+    bracket : (float, float)
+        Logarithms of the least and of the largest error.
+    start : float
+        Logarithm of the first.
+    slope : float
+        Bytes that an error e times smaller costs at most.
+    """
+    low, high = bracket
+    log_error, before, close = start, None, COARSE
+    for _ in range(MOST_TRIALS):
+        n_bytes = size(log_error)
+        if n_bytes is None or n_bytes > most:
+            low, close = log_error, COARSE if n_bytes is None else CLOSE
+        else:
+            high = log_error
+            if n_bytes > FULL_ENOUGH * most:
+                return
+        if high - low < close:
+            return
+        guess = np.nan
+        if n_bytes is not None:
+            if before is not None and before[1] != n_bytes:
+                slope = (before[1] - n_bytes) / (log_error - before[0])
+            guess = log_error + (n_bytes - AIM * most) / slope
+            before = log_error, n_bytes
+        log_error = guess if low < guess < high else (low + high) / 2
+
+
 @dataclass(frozen=True)
 class Errors:
     """Errors of a sequence against its original.

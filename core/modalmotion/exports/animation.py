@@ -147,6 +147,12 @@ def modes_to_hdf5(modes: VibrationModes) -> bytes:
     return FORM.image({}, datasets, topology=modes.surface)
 
 
+# If modes are shown one by one: frames of each, s, and amplitude as a share of the surface.
+_FRAMES_OF_EACH: Final = 24
+_SECONDS_OF_EACH: Final = 1.0
+_REACH: Final = 0.15
+
+
 @shown("modes", "amplitudes", "unit")
 @dataclass(frozen=True, eq=False)
 class Swing:
@@ -276,18 +282,7 @@ def swing(
         if not math.isfinite(amplitude):
             what = f"The amplitude of {label} is {amplitude}."
             raise ParameterError(what, remedy="Use a finite amplitude.")
-    if n_frames < 1 or not (math.isfinite(seconds) and seconds > 0):
-        raise ParameterError(
-            f"{n_frames} frames over {seconds} s are not an animation.",
-            remedy="Ask for at least one frame, and a finite time above zero.",
-        )
-    if n_frames > DEFAULT_LIMITS.frames:
-        raise LimitError(
-            f"{n_frames} frames were requested; at most {DEFAULT_LIMITS.frames} are allowed.",
-            remedy="Ask for fewer frames.",
-            limit="frames",
-            details={"value": n_frames, "most": DEFAULT_LIMITS.frames},
-        )
+    _require_frames(n_frames, seconds)
     if not (math.isfinite(damping) and damping >= 0):
         raise ParameterError(
             f"A damping of {damping} does not damp.", remedy="Use a finite share of at least 0."
@@ -302,3 +297,43 @@ def swing(
         Oscillators(omega, 2.0 * damping * omega), times, State(a, np.zeros_like(a))
     )
     return Swing(template, modes, direction, states.amplitudes, times, unit)
+
+
+def one_by_one(
+    template: Template, modes: VibrationModes, direction: Floats, unit: str | None = None
+) -> Swing:
+    """Show modes one after the other, each for one oscillation, with a visible amplitude.
+
+    Parameters
+    ----------
+    template : Template
+    modes : VibrationModes
+    direction : (vertices, 3) float64
+    unit : str, optional
+    """
+    n = len(modes)
+    _require_frames(n * _FRAMES_OF_EACH + 1, _SECONDS_OF_EACH)
+    extent = np.ptp(template.vertices, axis=0).max() / 2
+    reach = _REACH * extent / np.abs(modes.shapes).max(axis=0)
+    amplitudes = np.zeros((n * _FRAMES_OF_EACH + 1, n))
+    turn = np.sin(2.0 * np.pi * np.arange(_FRAMES_OF_EACH) / _FRAMES_OF_EACH)
+    for mode in range(n):
+        first = mode * _FRAMES_OF_EACH
+        amplitudes[first : first + _FRAMES_OF_EACH, mode] = reach[mode] * turn
+    times = np.linspace(0.0, n * _SECONDS_OF_EACH, len(amplitudes))
+    return Swing(template, modes, direction, amplitudes, times, unit)
+
+
+def _require_frames(n_frames: int, seconds: float) -> None:
+    if n_frames < 1 or not (math.isfinite(seconds) and seconds > 0):
+        raise ParameterError(
+            f"{n_frames} frames over {seconds} s are not an animation.",
+            remedy="Ask for at least one frame, and a finite time above zero.",
+        )
+    if n_frames > DEFAULT_LIMITS.frames:
+        raise LimitError(
+            f"{n_frames} frames were requested; at most {DEFAULT_LIMITS.frames} are allowed.",
+            remedy="Ask for fewer frames.",
+            limit="frames",
+            details={"value": n_frames, "most": DEFAULT_LIMITS.frames},
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -13,12 +14,14 @@ from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.clinical.volume_curve import Fraction
 from modalmotion.errors import needs_extra
+from modalmotion.mesh import facts_as_json
 from modalmotion.representation import csv_text, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.mode_names import direction_names
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
 
 # Of the columns of a value and its interval.
 _ENDS: Final = ("", "_low", "_high")
@@ -243,3 +246,67 @@ def to_dataframe(result: ModalSignature | Table) -> pandas.DataFrame:
 
     table = result if isinstance(result, Table) else amplitude_table(result)
     return pandas.DataFrame(table.columns)
+
+
+def to_xarray(
+    signature: ModalSignature, readouts: ClinicalReadouts | None = None
+) -> xarray.Dataset:
+    """Return a signature as an xarray dataset with named axes and units.
+
+    Parameters
+    ----------
+    signature : ModalSignature
+    readouts : ClinicalReadouts, optional
+        Adds the volume.
+
+    Returns
+    -------
+    xarray.Dataset
+        amplitude (frame, mode, direction), its deviation if known, its spectrum and
+        frequencies by mode, errors and volume by frame; coordinates label, wavenumber, time_s;
+        attributes unit, ids, notes. It can be written to netCDF and read back without loss.
+
+    Raises
+    ------
+    MissingExtraError
+        If xarray is not installed.
+    """
+    with needs_extra("tables"):
+        import xarray
+
+    unit, sds = signature.unit or "length units", signature.amplitude_deviations
+    lengths, of_all = {"units": unit}, ("frame", "mode", "direction")
+    variables: dict[str, Any] = {
+        "amplitude": (of_all, signature.amplitudes, lengths),
+        "spectrum": ("mode", signature.deformation_spectrum, lengths),
+        "angular_frequency": ("mode", signature.angular_frequencies, {"units": "rad/s"}),
+        "rotation": (("frame", "row", "column"), signature.rotations.matrices),
+        "translation": (("frame", "axis_name"), signature.translations, lengths),
+        **({} if sds is None else {"deviation": (of_all, sds, lengths)}),
+    }
+    for name, column in frame_table(signature, readouts).columns.items():
+        if name not in ("frame", "time_s", "unit"):
+            units = readouts.volume_unit if readouts is not None and "volume" in name else unit
+            variables[name] = ("frame", column, {"units": units})
+    coordinates: dict[str, Any] = {
+        "frame": np.arange(signature.n_frames),
+        "mode": np.arange(len(signature.modes)),
+        "label": ("mode", np.array([str(label) for label in signature.modes.labels])),
+        "wavenumber": (("mode", "axis"), signature.modes.wavenumbers),
+        "direction": np.array(direction_names(signature)),
+        "axis_name": np.array(["x", "y", "z"]),
+    }
+    if signature.times is not None:
+        coordinates["time_s"] = ("frame", signature.times, {"units": "s"})
+    attributes = {
+        "unit": unit,
+        "surface": signature.surface,
+        "kind": signature.kind.value,
+        "sequence_id": signature.sequence_id,
+        "template_id": signature.template_id,
+        "rms_error": signature.rms_error,
+        "facts": json.dumps(facts_as_json(signature.facts)),
+        "notes": "\n".join(map(str, signature.notes)),
+        "provenance": json.dumps(signature.provenance),
+    }
+    return xarray.Dataset(variables, coordinates, attributes)

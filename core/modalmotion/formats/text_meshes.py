@@ -23,12 +23,14 @@ from itertools import islice
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.checks import FloatArray
-from modalmotion.representation import Floats
+from modalmotion.mesh.triangles import face_normals, oriented_faces
+from modalmotion.representation import Floats, Ints
 
 _BLOCK: Final = 1 << 20
 _LONGEST_LINE: Final = 1 << 20
@@ -165,6 +167,34 @@ def _text_stl(data: bytes, limits: ReadLimits) -> Floats:
 def _damaged(facet: int, text: bytes) -> MalformedFileError:
     words = b" ".join(text.split())[:60].decode("ascii", "replace")
     return _malformed_stl(f"Facet {facet} of the STL file reads {words!r}.")
+
+
+def write_stl(vertices: NDArray[np.floating], faces: Ints, title: str = "") -> bytes:
+    """Write triangles as binary STL, in float32, all wound the same way round where they can be.
+
+    Parameters
+    ----------
+    vertices : (vertices, 3) float
+    faces : (faces, 3) int64
+    title : str
+        Of the header, in ASCII; at most 68 letters of it are kept.
+
+    Returns
+    -------
+    bytes
+        `read_stl` reads it back.
+    """
+    wound = oriented_faces(faces, len(vertices))
+    corners = np.asarray(vertices, dtype=np.float64)
+    wound = faces if wound is None else wound
+    normals = face_normals(corners, wound)
+    sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+    triangles = np.zeros(len(wound), _TRIANGLE)
+    triangles["normal"] = np.divide(normals, sizes, out=np.zeros_like(normals), where=sizes > 0)
+    triangles["corners"] = corners[wound]
+    # A header that begins with "solid" would be text.
+    header = f"modalmotion {title}".encode("ascii", "replace")[:80].ljust(80)
+    return header + len(wound).to_bytes(4, "little") + triangles.tobytes()
 
 
 KEYWORDS: Final = frozenset(

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalmotion.hdf5.image import Contents, Dataset, Form, json_text, write_sealed
-from modalmotion.images.sequence import Image, ImageSequence, parts_of
-from modalmotion.images.volume import Plane, PlaneSet, Volume
+from modalmotion.images.volume import Image, ImageSequence, Plane, PlaneSet, Volume, parts_of
 from modalmotion.notes import notes_from_json
 from modalmotion.representation import Floats
 

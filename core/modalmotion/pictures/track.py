@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -11,8 +10,9 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.images.sequence import Image
+from modalmotion.images.volume import Image
 from modalmotion.mesh.geometry import Edges
+from modalmotion.pictures.modes import pixels_of, write_gif
 from modalmotion.pictures.view import new_figure, shown_unit, size_of, tilted, upright
 from modalmotion.representation import Floats, numeral
 from modalmotion.tracking.result import STRAY, Track
@@ -224,11 +224,11 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
     def drawn(k: int) -> NDArray[np.uint8]:
         figure = new_figure(2.4 * n, 2.6, dpi=100)
         overlay.draw(k, [figure.add_subplot(1, n, place) for place in range(1, n + 1)])
-        return _pixels_of(figure)
+        return pixels_of(figure)
 
     times = track.sequence.times
     step = 1.0 / track.n_frames if times is None or len(times) < 2 else float(np.diff(times).mean())
-    return _write_gif(map(drawn, range(track.n_frames)), step)
+    return write_gif(map(drawn, range(track.n_frames)), step)
 
 
 class _Overlay:
@@ -318,35 +318,3 @@ def _zoom(axes: Any, plane: Plane, x: Floats) -> None:
     high = np.minimum(places.max(axis=0) + margin, np.array(plane.values.shape) - 0.5)
     axes.set_xlim(low[1], high[1])
     axes.set_ylim(high[0], low[0])
-
-
-def _pixels_of(figure: Figure) -> NDArray[np.uint8]:
-    """Draw a figure to pixels, (height, width, 3) uint8."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _write_gif(pictures: Iterable[NDArray[np.uint8]], seconds: float) -> bytes:
-    """Write pictures as a GIF that repeats.
-
-    Parameters
-    ----------
-    pictures : iterable of (height, width, 3) uint8
-    seconds : float
-        Of each picture; GIF counts in hundredths, and players show at least two.
-
-    Returns
-    -------
-    bytes
-    """
-    from PIL import Image
-
-    buffer = io.BytesIO()
-    images = (Image.fromarray(picture) for picture in pictures)
-    first = next(images)
-    duration = 10 * max(2, round(100 * seconds))
-    first.save(buffer, format="GIF", save_all=True, append_images=images, duration=duration, loop=0)
-    return buffer.getvalue()

@@ -1,10 +1,11 @@
-"""Reports as DICOM structured reports, objects of a patient's study."""
+"""Reports as DICOM objects: measurements and surfaces of a study."""
 
 from __future__ import annotations
 
 import io
 import logging
 import uuid
+import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,9 @@ from typing import Any, Final
 
 from modalmotion.errors import MalformedFileError, ParameterError, needs_extra
 from modalmotion.formats import Parser
+from modalmotion.formats.frame_files import stored_zip
 from modalmotion.formats.parser_process import ParserProcess
+from modalmotion.formats.text_meshes import write_stl
 from modalmotion.formats.volumes.stack import unheard
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh import Facts
@@ -24,6 +27,7 @@ from modalmotion.reports.content import (
     Number,
     Report,
     concept,
+    moments_of,
     numbers_of,
 )
 from modalmotion.representation import shown
@@ -44,6 +48,11 @@ class Study:
 
     header: Mapping[str, str]
 
+    @property
+    def frame_of_reference(self) -> str | None:
+        """UID of the instance's frame of reference."""
+        return self.header["FrameOfReferenceUID"] or None
+
     def dataset(self) -> Any:
         """Return the header as a pydicom Dataset."""
         from pydicom.dataset import Dataset
@@ -51,7 +60,8 @@ class Study:
         found = Dataset()
         found.SpecificCharacterSet = "ISO_IR 192"
         for name, value in self.header.items():
-            setattr(found, name, value)
+            if name != "FrameOfReferenceUID" or value:
+                setattr(found, name, value)
         return found
 
 
@@ -82,8 +92,8 @@ def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
     return Study(parser.parse("study", data).info["header"])
 
 
-def dicom_report(report: Report, study: Study) -> bytes:
-    """Write a report as a structured report in the patient's study.
+def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
+    """Write a report as objects of the patient's study.
 
     Parameters
     ----------
@@ -93,8 +103,9 @@ def dicom_report(report: Report, study: Study) -> bytes:
 
     Returns
     -------
-    bytes
-        A DICOM file, the same for the same report and study.
+    dict of str to bytes
+        DICOM files by name: `report.dcm`, and of surfaces two frames, such as `end-diastole.dcm`
+        and `end-systole.dcm`. The same for the same report and study.
 
     Raises
     ------
@@ -111,9 +122,23 @@ def dicom_report(report: Report, study: Study) -> bytes:
     loggers = [name for name in logging.root.manager.loggerDict if name.startswith(_LIBRARIES)]
     # They log ids, and warn with the values of headers.
     with unheard(*loggers):
-        buffer = io.BytesIO()
-        structured_report(report, study).save_as(buffer, enforce_file_format=True)
-    return buffer.getvalue()
+        written = {"report.dcm": structured_report(report, study)}
+        # Points without triangles are not a surface.
+        moments = moments_of(report) if len(report.sequence.faces) else []
+        for number, (frame, name) in enumerate(moments, 1):
+            file = f"{name.replace(' ', '-')}.dcm"
+            written[file] = surface_instance(report, study, frame, name, number)
+        files = {}
+        for name, dataset in written.items():
+            buffer = io.BytesIO()
+            dataset.save_as(buffer, enforce_file_format=True)
+            files[name] = buffer.getvalue()
+    return files
+
+
+def dicom_zip(report: Report, study: Study) -> bytes:
+    """Write the objects of `dicom_instances` as one zip, the same bytes for the same objects."""
+    return stored_zip(dicom_instances(report, study), zipfile.ZIP_DEFLATED)
 
 
 def require_space(facts: Facts, unit: str | None) -> None:
@@ -205,6 +230,7 @@ def version_of(report: Report) -> str:
 
 
 SERIES_NUMBER: Final = 9101
+"""Of the structured report; surfaces have the next one."""
 
 
 def structured_report(report: Report, study: Study) -> Any:
@@ -314,3 +340,65 @@ def _sources(study: Study) -> list[Any] | None:
             referenced_sop_instance_uid=study.header["SOPInstanceUID"],
         )
     ]
+
+
+_STL_STORAGE: Final = "1.2.840.10008.5.1.4.1.1.104.3"
+
+
+def surface_instance(report: Report, study: Study, frame: int, name: str, number: int) -> Any:
+    """Write the surface of a frame, as sent.
+
+    Parameters
+    ----------
+    report : Report
+        Whose coordinates are LPS mm: see `require_space`.
+    study : Study
+    frame : int
+    name : str
+        Such as "End diastole".
+    number : int
+        Of the instance in its series.
+
+    Returns
+    -------
+    pydicom.Dataset
+    """
+    from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
+    from pydicom.uid import ExplicitVRLittleEndian
+
+    uid = uid_of(report, study, f"STL {name}")
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID = _STL_STORAGE
+    meta.MediaStorageSOPInstanceUID = uid
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    meta.ImplementationClassUID = "2.25.247361850291147352840137524918603258176"
+    written = FileDataset("", {}, file_meta=meta, preamble=b"\0" * 128)
+    written.update(study.dataset())
+    written.SOPClassUID, written.SOPInstanceUID = _STL_STORAGE, uid
+    written.Modality = "M3D"
+    written.SeriesInstanceUID = uid_of(report, study, "STL series")
+    written.SeriesNumber, written.InstanceNumber = SERIES_NUMBER + 1, number
+    written.SeriesDescription = "Surfaces of a motion analysis (no medical device)"
+    space = study.frame_of_reference or uid_of(report, study, "space")
+    written.FrameOfReferenceUID, written.PositionReferenceIndicator = space, ""
+    stamp(written, report)
+    written.AcquisitionDateTime = ""
+    written.BurnedInAnnotation = "NO"
+    written.DocumentTitle = f"{name.capitalize()}, frame {frame}"
+    written.ConceptNameCodeSequence = []
+    written.MIMETypeOfEncapsulatedDocument = "model/stl"
+    source = Dataset()
+    source.ReferencedSOPClassUID = study.header["SOPClassUID"]
+    source.ReferencedSOPInstanceUID = study.header["SOPInstanceUID"]
+    written.SourceInstanceSequence = [source]
+    series = Dataset()
+    series.SeriesInstanceUID = study.header["SeriesInstanceUID"]
+    series.ReferencedInstanceSequence = [source]
+    written.ReferencedSeriesSequence = [series]
+    stl = write_stl(report.sequence.vertices[frame], report.sequence.faces, written.DocumentTitle)
+    written.EncapsulatedDocumentLength = len(stl)
+    written.EncapsulatedDocument = stl + b"\0" * (len(stl) % 2)
+    written.MeasurementUnitsCodeSequence = [ucum("mm")]
+    written.ModelModification = "NO"
+    written.ModelMirroring = "NO"
+    return written

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from importlib import import_module
 
 import numpy as np
 
@@ -108,6 +109,11 @@ class ModalSignature(Saved, Plotted):
     choice: ModelChoice | None = None
     amplitude_deviations: Floats | None = None
     facts: Facts = NO_FACTS
+
+    def _repr_html_(self) -> str:
+        """Write it as notebooks show it."""
+        # By the public list, which stands above everything: values import nothing above them.
+        return str(import_module("modalmotion").to_html(self))
 
     @property
     def kind(self) -> SignatureKind:

@@ -10,7 +10,7 @@ from typing import Any
 
 from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.images import ImageSequence, Plane, PlaneSet
-from modalmotion.images.sequence import parts_of
+from modalmotion.images.volume import parts_of
 from modalmotion.notes import Note, notes_from_json
 from modalmotion.representation import shown
 from modalmotion.store.deletion import bury_and_remove

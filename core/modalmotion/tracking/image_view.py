@@ -1,21 +1,200 @@
-"""What an image shows of a surface near a shape: edges on profiles along its normals."""
+"""What an image shows of a surface: edges on profiles, and how bright both sides are."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
+from modalmotion.errors import ShapeError
 from modalmotion.images import Plane, PlaneSet, Volume
-from modalmotion.images.edges import Edges, Levels, find_edges, offsets_of
-from modalmotion.images.sequence import Image
+from modalmotion.images.volume import Image
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.geometry import Edges as MeshEdges
 from modalmotion.mesh.geometry import vertex_normals
-from modalmotion.representation import Floats, Ints
+from modalmotion.representation import Bools, Floats, Ints, shown
+from modalmotion.tracking.closest import across
 from modalmotion.tracking.observation import Observation
+
+# mm within and beyond an edge that must look like inside and like outside. A wall is thicker.
+INNER: Final = 6.0
+OUTER: Final = 4.0
+
+# Of the contrast: step of the mean brightness over 3 mm on both sides that makes an edge.
+_LEAST_STEP: Final = 0.4
+_BESIDE: Final = 3.0
+
+# Likeness of what is next to an edge on its inner side: less is a layer of blood and muscle, and
+# the edge is in the middle between the layer and the outside. One that is told from an edge's
+# blur, and any where trabeculae are known to be; what it is at least, and how many times the noise
+# of one sample it must be below that of blood.
+_DISTINCT: Final = 0.45
+_FAINT: Final = 0.7
+_DARKEST: Final = -0.2
+_NOISES: Final = 1.8
+
+# No image has more contrast.
+_LABELLED: Final = 1e6
+
+# Per mm: a nearer edge is preferred to one as good farther away.
+_NEARER: Final = 0.03
+
+
+@shown()
+@dataclass(frozen=True)
+class Levels:
+    """Brightness on both sides of a surface.
+
+    Parameters
+    ----------
+    inside, outside : float
+    spread : float
+        Standard deviation of noise on one side.
+    """
+
+    inside: float
+    outside: float
+    spread: float
+
+    @property
+    def contrast(self) -> float:
+        """Difference of both sides over the spread within one."""
+        return abs(self.inside - self.outside) / max(self.spread, 1e-300)
+
+    @property
+    def layer(self) -> float:
+        """Likeness next to an edge below which a layer of blood and muscle is there for certain.
+
+        Labels have no noise, and no layer.
+        """
+        return self._above_noise(_DISTINCT)
+
+    @property
+    def faint_layer(self) -> float:
+        """Likeness of thin and bright layers, too, as there are where trabeculae are."""
+        return self._above_noise(_FAINT)
+
+    @property
+    def is_labelled(self) -> bool:
+        """Whether values are labels, which have no noise and are not means over a slice."""
+        return self.contrast > _LABELLED
+
+    def _above_noise(self, layer: float) -> float:
+        if self.is_labelled:
+            return -np.inf
+        # Noise of one sample, as likeness.
+        return min(layer, 1.0 - _NOISES * 2.0 / max(self.contrast, 1e-300))
+
+    def likeness(self, values: Floats, gain: Floats | float = 1.0) -> Floats:
+        """How far values are like the inside (1), the outside (-1), or between; NaN is 0.
+
+        Parameters
+        ----------
+        values : (...) float64
+        gain : (...) float64
+            Of the bias field: by which both levels are multiplied.
+        """
+        half = (self.inside - self.outside) / 2.0
+        middle = (self.inside + self.outside) / 2.0
+        like: Floats = np.nan_to_num((values / gain - middle) / half, nan=0.0)
+        return like
+
+
+class Edges(NamedTuple):
+    """One edge on each profile.
+
+    Parameters
+    ----------
+    offsets : (n,) float64, mm
+    steps : (n,) float64
+        Of the mean brightness there, 1 for the whole contrast.
+    is_found : (n,) bool
+    inside : (n,) float64
+        Likeness of what is next to it on its inner side: 1 of blood, less of a layer of muscle
+        and blood.
+    """
+
+    offsets: Floats
+    steps: Floats
+    is_found: Bools
+    inside: Floats
+
+
+def find_edges(
+    likeness: Floats,
+    step: float,
+    reach: float,
+    extents: Floats,
+    crossing: float,
+    layer: float = -np.inf,
+) -> Edges:
+    """Find the edge on each profile: the best split into an inside and an outside.
+
+    Parameters
+    ----------
+    likeness : (n, samples) float64
+        Of profiles from -reach - INNER to reach + OUTER, as `offsets_of` spreads them.
+    step : float, mm
+    reach : float, mm
+    extents : (n,) float64, mm
+        Of a voxel along each profile.
+    crossing : float
+        What a mm of outside on the way from the inside costs, in mm of inside: small where
+        structures within the cavity, as papillary muscles, belong to it.
+    layer : float
+        `Levels.layer` or `Levels.faint_layer`.
+
+    Notes
+    -----
+    All up to the edge is inside, OUTER beyond it outside. The place between two samples comes
+    from the area under the profile next to the edge, which noise moves least: w (a + b) + x (a - b)
+    is that between levels a and b, x beyond the middle. b is the outside's, -1; a is 1, or where a
+    layer of trabeculae is next to the edge that layer's.
+    """
+    n, m = likeness.shape
+    a, b = round(INNER / step), round(OUTER / step)
+    c = np.clip(likeness, -1.0, 1.0)
+    up_to = _sums(np.where(c > 0, c, crossing * c)) * step
+    whole = _sums(c) * step
+    j = np.arange(a, m - b)
+    d = (j - a) * step - reach - step / 2
+    score = up_to[:, j] - (whole[:, j + b] - whole[:, j]) - _NEARER * np.abs(d)
+    k = score.argmax(axis=1)
+    rows = np.arange(n)
+    beside = min(a, b, max(1, round(_BESIDE / step)))
+    at = j[k]
+    inner = (whole[rows, at] - whole[rows, at - beside]) / (beside * step)
+    outer = (whole[rows, at + beside] - whole[rows, at]) / (beside * step)
+    steps = (inner - outer) / 2.0
+    is_found = (k > 0) & (k < len(j) - 1) & (steps > _LEAST_STEP)
+    # Area: of a window 2 w around the split a share (1 + mean) / 2 is inside.
+    w = np.clip(np.rint((1.5 * extents + 1.0) / step).astype(np.int64), 1, min(a, b))
+    wide = _sums(np.clip(likeness, -1.5, 1.5)) * step
+    area = wide[rows, at + w] - wide[rows, at - w]
+    # Farther half of the window: nearer to the edge is its blur.
+    half = (w + 1) // 2
+    beside_it = (wide[rows, at - half] - wide[rows, at - w]) / (np.maximum(w - half, 1) * step)
+    is_layer = (beside_it < layer) & (half < w)
+    inside = np.where(is_layer, np.maximum(beside_it, _DARKEST), 1.0)
+    x = (area - w * step * (inside - 1.0)) / (inside + 1.0)
+    return Edges(d[k] + x, np.clip(steps, 0.0, 1.0), is_found, inside)
+
+
+def offsets_of(step: float, reach: float) -> Floats:
+    """Spread the samples of a profile for `find_edges`, (samples,) float64, mm."""
+    n = round(2 * reach / step) + 1
+    a, b = round(INNER / step), round(OUTER / step)
+    return np.asarray(-reach + step * np.arange(-a, n + b), dtype=np.float64)
+
+
+def _sums(values: Floats) -> Floats:
+    """Sum the first 0, 1, ... samples, (n, samples + 1)."""
+    sums = np.zeros((len(values), values.shape[1] + 1))
+    np.cumsum(values, axis=1, out=sums[:, 1:])
+    return sums
+
 
 # Profiles through a volume.
 _N_PROFILES: Final = 1000
@@ -334,3 +513,221 @@ def _mean_in(values: Floats, away: Floats, low: float, high: float) -> Floats:
     total = np.where(there, values, 0.0).sum(axis=1)
     mean: Floats = np.where(there.any(axis=1), total / np.maximum(there.sum(axis=1), 1), np.nan)
     return mean
+
+
+# Heights along the axis, and turns about it, of the rays; of planes each has its own height.
+_HEIGHTS: Final = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+_N_TURNS: Final = 32
+
+# mm: samples on rays, and windows on both sides of an edge.
+_STEP: Final = 0.8
+_INNER: Final = 5.0
+_OUTER: Final = 3.5
+
+# mm from apex to base. Windows are some mm wide.
+_SHORTEST: Final = 20.0
+
+# Of the usual greatest step on a ray: the first step so large is the edge.
+_FIRST: Final = 0.6
+
+# Least share of rays that agree on the sign, and least contrast.
+_LEAST_AGREED: Final = 0.55
+_LEAST_CONTRAST: Final = 0.8
+
+# Of the contrast: how far a frame's levels may be from those of the reference.
+_APART: Final = 0.1
+
+# mm inside an edge, from and to, that noise is looked for in.
+_NOISE_AT: Final = (9.0, 2.0)
+
+# Normal deviation over the median one.
+_PER_MEDIAN: Final = 1.4826
+
+
+class FirstSight(NamedTuple):
+    """Levels, and where rays first met an edge.
+
+    Parameters
+    ----------
+    levels : Levels
+    points : (n, 3) float64, mm
+    """
+
+    levels: Levels
+    points: Floats
+
+
+def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSight:
+    """Find the brightness on both sides by rays outward from the axis between two landmarks.
+
+    Raises
+    ------
+    ShapeError
+        Where nothing is in the field of view, all is alike, or rays meet no common edge.
+    """
+    length = float(np.linalg.norm(base - apex))
+    if length < _SHORTEST:
+        raise ShapeError(
+            f"Apex and base are {length:.3g} mm apart in frame {frame}; walls of some mm are "
+            f"looked for, in objects of {_SHORTEST:g} mm and more.",
+            remedy="State apex and base in LPS mm; of a smaller object enlarge the spacing, and "
+            "scale the result back.",
+            frame=frame,
+            details={"length": length, "least": _SHORTEST},
+        )
+    offsets: Floats = np.arange(0.0, 0.6 * length + _OUTER, _STEP).astype(np.float64)
+    starts, directions, profiles = _rays(image, apex, base, offsets)
+    there = np.isfinite(profiles).mean(axis=1) > 0.6
+    if there.sum() < _N_TURNS:
+        raise ShapeError(
+            f"The object is outside the images of frame {frame}: of {len(there)} rays from its "
+            f"axis {int(there.sum())} are in the field of view.",
+            remedy="State apex and base in LPS mm of these images (RAS has other signs of x, y).",
+            frame=frame,
+        )
+    v, starts, directions = profiles[there], starts[there], directions[there]
+    v = np.where(np.isfinite(v), v, np.nanmedian(v, axis=1, keepdims=True))
+    a, b = round(_INNER / _STEP), round(_OUTER / _STEP)
+    sums = np.concatenate([np.zeros((len(v), 1)), v.cumsum(axis=1)], axis=1)
+    j = np.arange(a, v.shape[1] - b)
+    inner = (sums[:, j + 1] - sums[:, j + 1 - a]) / a
+    outer = (sums[:, j + 1 + b] - sums[:, j + 1]) / b
+    step = np.abs(inner - outer)
+    usual = float(np.median(step.max(axis=1)))
+    if not usual > 1e-9 * float(np.abs(v).max(initial=0.0)):
+        raise _no_contrast(frame, 0.0)
+    first = (step > _FIRST * usual).argmax(axis=1)
+    rows = np.arange(len(v))
+    reach = round(5.0 / _STEP)
+    near = np.minimum(first[:, None] + np.arange(reach), len(j) - 1)
+    k = near[rows, step[rows[:, None], near].argmax(axis=1)]
+    A, B = inner[rows, k], outer[rows, k]
+    is_edge = step[rows, k] > _FIRST * usual
+    sign = np.sign(np.median((A - B)[is_edge])) if is_edge.any() else 1.0
+    agrees = is_edge & (np.sign(A - B) == sign)
+    noise = _PER_MEDIAN * float(np.median(np.abs(np.diff(v, axis=1)))) / np.sqrt(2.0)
+    if agrees.mean() < _LEAST_AGREED:
+        raise ShapeError(
+            f"No object is seen about the axis in frame {frame}: of the rays outward only "
+            f"{agrees.mean():.0%} meet an edge of one kind.",
+            remedy="Check apex and base, and that the images show them.",
+            frame=frame,
+            details={"agreed": float(agrees.mean())},
+        )
+    levels = _levels(A[agrees], B[agrees], noise)
+    if levels.contrast < _LEAST_CONTRAST:
+        raise _no_contrast(frame, levels.contrast)
+    places = starts[agrees] + (j[k[agrees]] + 0.5)[:, None] * _STEP * directions[agrees]
+    return FirstSight(levels, places)
+
+
+def renewed(imaging: Imaging, view: View) -> Imaging:
+    """Find levels and bias field next to the edges that a view found: linear in place.
+
+    Where layers are next to the edges, blood is looked for beyond them.
+    """
+    inner, outer = view.beside(is_deep=imaging.has_layers)
+    x = view.starts[view.edges.is_found] - imaging.middle
+    ok = np.isfinite(inner) & np.isfinite(outer)
+    if ok.sum() < 4 * _N_TURNS:
+        return imaging
+    inner, outer, x = inner[ok], outer[ok], x[ok]
+    spread = _spread(view)
+    gain = 1.0 + x @ imaging.slope
+    # Labels have no noise: all errors of more than a thousandth count alike.
+    least = 1e-3 * abs(imaging.levels.inside - imaging.levels.outside)
+    inside, outside, slope = imaging.levels.inside, imaging.levels.outside, imaging.slope
+    for _ in range(4):
+        inside, outside = float(np.median(inner / gain)), float(np.median(outer / gain))
+        # Both sides, I (1 + c x) and O (1 + c x): c by least absolute deviations, reweighted.
+        rows = np.concatenate([inside * x, outside * x])
+        left = np.concatenate([inner - inside, outer - outside])
+        r = np.abs(left - rows @ slope)
+        w = 1.0 / np.maximum(r, max(0.1 * float(np.median(r)), least))
+        ridge = 1e-3 * float((w[:, None] * rows * rows).sum()) / 3.0 * np.eye(3)
+        slope = np.linalg.solve(rows.T @ (w[:, None] * rows) + ridge, rows.T @ (w * left))
+        gain = np.clip(1.0 + x @ slope, 0.4, 1.8)
+    if (inside - outside) * (imaging.levels.inside - imaging.levels.outside) <= 0:
+        return imaging
+    return replace(imaging, levels=Levels(inside, outside, spread), slope=slope)
+
+
+def as_bright(imaging: Imaging, view: View) -> Imaging:
+    """Find the levels of another frame: contrast agents and gain change from frame to frame.
+
+    Each frame begins anew with the levels of the reference, and leaves them by `_APART` of the
+    contrast at most, so that nothing drifts.
+    """
+    own, found = imaging.levels, renewed(imaging, view).levels
+    most = _APART * abs(own.inside - own.outside)
+    inside = own.inside + float(np.clip(found.inside - own.inside, -most, most))
+    outside = own.outside + float(np.clip(found.outside - own.outside, -most, most))
+    return replace(imaging, levels=Levels(inside, outside, own.spread))
+
+
+def _spread(view: View) -> float:
+    """Deviation of noise: of samples from the mean of those 1.5 voxels nearer and farther.
+
+    Blood of many brightnesses, muscles within it and a bias field change from place to place by
+    more than that, and are no noise; but over some mm they change evenly.
+    """
+    k = view.edges.is_found
+    away = view.offsets[None] - view.edges.offsets[k, None]
+    far, near = _NOISE_AT
+    own = np.where((away > -far) & (away < -near), view.profiles[k], np.nan)
+    # Between voxels neighbours are interpolated from the same ones.
+    step = float(view.offsets[1] - view.offsets[0])
+    voxels = min(1.5 * float(np.median(view.extents[k])), (far - near) / 2.0 - step)
+    apart = max(1, int(voxels / step))
+    n = own.shape[1] - 2 * apart
+    left = own[:, apart : apart + n] - (own[:, :n] + own[:, 2 * apart :]) / 2.0
+    # The mean of two has half the variance.
+    spread = _PER_MEDIAN * float(np.nanmedian(np.abs(left))) / float(np.sqrt(1.5))
+    return max(spread, 1e-12 * max(1.0, abs(float(np.nanmedian(own)))))
+
+
+def _rays(
+    image: Image, apex: Floats, base: Floats, offsets: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Sample rays from the axis: starts and directions (n, 3) and profiles (n, samples).
+
+    In planes that the axis goes through they start from there.
+    """
+    axis, cuts = base - apex, list[tuple[float, Floats, Volume | Plane]]()
+    across = axis / np.linalg.norm(axis)
+    if isinstance(image, Volume):
+        cuts = [(share, across, image) for share in _HEIGHTS]
+    else:
+        for plane in image.planes:
+            low, high = plane.heights(np.stack([apex, base]))
+            share = low / (low - high) if low != high else -1.0
+            if abs(float(plane.normal @ across)) >= 0.7 and 0.1 <= share <= 0.9:
+                cuts.append((share, plane.normal, plane))
+    starts = np.repeat([apex + share * axis for share, *_ in cuts] or np.zeros((0, 3)), _N_TURNS, 0)
+    directions = np.concatenate([np.zeros((0, 3)), *(_around(normal) for _, normal, _ in cuts)])
+    points = starts[:, None] + offsets[:, None] * directions[:, None]
+    points = points.reshape(len(cuts), _N_TURNS * len(offsets), 3)
+    values = [part.sample(own) for (*_, part), own in zip(cuts, points, strict=True)]
+    return starts, directions, np.reshape(values, (len(starts), len(offsets)))
+
+
+def _around(axis: Floats) -> Floats:
+    angles = 2.0 * np.pi * np.arange(_N_TURNS) / _N_TURNS
+    around: Floats = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ across(axis)
+    return around
+
+
+def _levels(inner: Floats, outer: Floats, noise: float) -> Levels:
+    inside, outside = float(np.median(inner)), float(np.median(outer))
+    spread = _PER_MEDIAN * float(np.median(np.abs(inner - inside)))
+    return Levels(inside, outside, max(spread, noise, 1e-12 * abs(inside - outside)))
+
+
+def _no_contrast(frame: int, contrast: float) -> ShapeError:
+    return ShapeError(
+        f"The images of frame {frame} have no contrast about the axis from apex to base: the two "
+        f"sides differ by {contrast:.2g} of the noise.",
+        remedy="Check apex and base, or take images in which the object stands out.",
+        frame=frame,
+        details={"contrast": contrast},
+    )

@@ -15,7 +15,7 @@ import scipy
 
 from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Volume
-from modalmotion.images.sequence import is_sliced
+from modalmotion.images.volume import is_sliced
 from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints
 

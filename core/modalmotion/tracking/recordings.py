@@ -15,7 +15,7 @@ from modalmotion.formats.frame import TRACK
 from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Parser, Reading
 from modalmotion.images import ImageSequence
-from modalmotion.images.sequence import Images, images_in
+from modalmotion.images.volume import Images, images_in
 from modalmotion.mesh import NO_FACTS, UNKNOWN, Facts, facts_patched
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Reporter

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.images.sequence import Image
+from modalmotion.images.volume import Image
 from modalmotion.mesh import Cavity, face_areas
 from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence
@@ -23,8 +23,7 @@ from modalmotion.modes.topology import CUP
 from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_levels import renewed
-from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
+from modalmotion.tracking.image_view import Facets, Imaging, View, renewed, view_of
 
 # mm within an edge that muscle is looked for in, and beyond it that blood is: there an edge may
 # have been drawn inward by muscle.

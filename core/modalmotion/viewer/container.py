@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.images.sequence import parts_of
+from modalmotion.images.volume import parts_of
 from modalmotion.representation import Floats
 from modalmotion.tracking.result import Track
 

@@ -17,7 +17,6 @@ NPZ: Final = "application/x-npz"
 GLB: Final = "model/gltf-binary"
 VTKHDF: Final = "application/vnd.vtk.vtkhdf"
 ZIP: Final = "application/zip"
-DICOM: Final = "application/dicom"
 RAW: Final = OCTETS
 STREAM: Final = "application/vnd.modalmotion.stream"
 PNG: Final = "image/png"

@@ -87,7 +87,7 @@ async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
         return Response(await asyncio.to_thread(model_to_hdf5, content), 200, headers, HDF5)
     if kind == MARKDOWN:
         card = ModelCard.from_json(content.card)
-        page = card_markdown(f"{model.name}@{model.version}", model.id, card)
+        page = card_markdown(f"{model.name}@{model.version}", model.id, card, head=True)
         return Response(page, 200, headers, f"{MARKDOWN}; charset=utf-8")
     source = model.source
     file = None if isinstance(source, str) else source.relative_to(state.store.root).as_posix()

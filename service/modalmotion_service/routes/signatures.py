@@ -16,16 +16,7 @@ from modalmotion.mesh import facts_as_json
 from modalmotion.reports.dicom import require_space
 from modalmotion_service.errors import BusyError
 from modalmotion_service.http.gated_router import GatedRouter, body_of
-from modalmotion_service.http.negotiation import (
-    CSV,
-    DICOM,
-    HTML,
-    JSON,
-    PNG,
-    RAW,
-    VIEW,
-    attachment,
-)
+from modalmotion_service.http.negotiation import CSV, HTML, JSON, PNG, RAW, VIEW, ZIP, attachment
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import (
     Asked,
@@ -178,7 +169,7 @@ async def _instance(request: HttpRequest) -> SpoolFile:
 
 @router.post(
     "/signatures/{key}/dicom",
-    **answers(DICOM, waits=False),
+    **answers(ZIP, waits=False),
     openapi_extra=_DICOM,
     # Where the extra is absent it is answered 501.
     include_in_schema=find_spec("highdicom") is not None,
@@ -189,9 +180,10 @@ async def dicom_of_signature(
     query: Annotated[queries.ReportRequest, Query()],
     asked: AskedNow,
 ) -> Response:
-    """Report on a signature as a DICOM structured report of a study, after TID 1500.
+    """Report on a signature as DICOM objects of a study: a zip of a report and surfaces.
 
-    Patient and study are copied from the header of the instance in the body,
+    The structured report follows TID 1500; surfaces, at the ends of diastole and systole, are
+    encapsulated STL. Patient and study are copied from the header of the instance in the body,
     whose pixels are not read; nothing of it is kept or logged, so no job does this. Refused where
     coordinates are not stated to be LPS, in mm. The same result and study are the same bytes.
     """
@@ -222,7 +214,7 @@ async def dicom_of_signature(
                 limit="wait_seconds",
                 details={"most": wait},
             ) from None
-    return temporary_file(output, DICOM, attachment(f"{sequence_id[:12]}.dcm"))
+    return temporary_file(output, ZIP, attachment(f"{sequence_id[:12]}-dicom.zip"))
 
 
 @router.get("/signatures/{key}/view", **answers(VIEW, HTML))

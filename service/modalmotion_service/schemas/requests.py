@@ -185,12 +185,14 @@ MANY_SIGNATURES: Final = from_core.model_of(ManySignatures, SignatureParameters,
 
 
 class EncodingTarget(from_core.Stated):
-    """At what error to encode: one of the two, or 0.3 % of the diagonal."""
+    """At what error, or at what size, to encode: one of the three, or 0.3 % of the diagonal."""
 
     rms: float | None = Field(None, gt=0)
     """RMS distance of all vertices, not exceeded."""
     max_error: float | None = Field(None, gt=0)
     """Distance of any vertex, never exceeded."""
+    bytes: int | None = Field(None, gt=0)
+    """Size of the stream, not exceeded."""
     effort: Effort = Effort.BALANCED
     """How many transforms are tried: fast takes a third of the time, in more bits."""
 
@@ -200,7 +202,7 @@ class EncodingOfFile(Reading, EncodingTarget):
 
     @property
     def target(self) -> EncodingTarget:
-        """The error alone."""
+        """Error or size alone."""
         return EncodingTarget(**self.model_dump(include=set(EncodingTarget.model_fields)))
 
 

@@ -20,6 +20,7 @@ from modalmotion.signature.parameters import (
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion_service.http.negotiation import PNG
 from modalmotion_service.schemas.queries import ModesRequest
+from modalmotion_service.schemas.requests import EncodingTarget
 from modalmotion_service.work.engine import Terms
 from modalmotion_service.work.tasks import classification, sequences, signatures, tracks
 from modalmotion_service.work.tasks.files import Fitted
@@ -104,6 +105,8 @@ def _price(task: Callable[..., Any], args: Sequence[Any]) -> float:
             price += signature_seconds(first, one, kind)
         elif isinstance(one, ModesRequest):
             price += 1e-8 * one.modes * size
+        elif isinstance(one, EncodingTarget) and one.bytes is not None:
+            price += 4e-3 * min(one.bytes, size)
         elif isinstance(one, TrackParameters) and isinstance(args[0], Path):
             price += 1.5e-6 * (1.0 + (one.modes / USUAL_MODES) ** 2) * first
         elif isinstance(one, TrackParameters):

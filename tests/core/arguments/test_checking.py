@@ -100,6 +100,7 @@ BEAT: Final = "mesh_sequence(vertices, faces)"
         (lambda: mm.train([beat()], "mine"), "path, label and subject"),  # type: ignore[list-item]
         (lambda: beat().report(7), "Name a file"),
         (lambda: mm.classify({}), "modal_signature(sequence)"),  # type: ignore[arg-type]
+        (lambda: mm.to_html(object()), "sequence.signature()"),  # type: ignore[arg-type]
         (lambda: mm.mesh_sequence(None), "float32 or float64 coordinates"),
         (lambda: mm.read("there is none.npz"), "Name a file"),
         (lambda: mm.read_images("there is none.nii.gz"), "NIfTI"),  # type: ignore[arg-type]
@@ -134,6 +135,7 @@ def test_what_is_clear_is_taken_as_it_is_meant(tmp_path: Path) -> None:
             assert made.rms_error == own.rms_error
     assert mm.classify(mm.read_sequence(path), coverage=0.8).coverage == 0.8  # type: ignore[arg-type]
     assert mm.read_sequence(path, frame_interval=0.1).sequence.times is not None  # type: ignore[call-arg]
+    assert mm.to_html(beat()) == mm.to_html(beat().signature())  # type: ignore[arg-type]
     assert mm.decode(beat().encode(max_error=0.1)).n_frames == 4  # type: ignore[arg-type]
 
 

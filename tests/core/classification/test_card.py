@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 from click.testing import CliRunner
 
 from modalmotion.classification import DEFAULT_MODEL, ModelCard, card_markdown, load_model
@@ -17,6 +18,14 @@ from modalmotion.notes import Note
 @pytest.fixture(scope="module")
 def card() -> ModelCard:
     return load_model().card
+
+
+def test_the_head_is_as_registries_read_it(card: ModelCard) -> None:
+    page = card_markdown("mine@3", "0" * 64, card, head=True)
+    _, head, rest = page.split("---\n", 2)
+    assert yaml.safe_load(head)["library_name"] == "modalmotion"
+    assert rest.lstrip() == card_markdown("mine@3", "0" * 64, card)
+    assert "# mine@3" in page
 
 
 def test_the_page_says_what_the_card_says(card: ModelCard) -> None:
@@ -75,6 +84,6 @@ def test_the_command_gives_it_in_two_forms(tmp_path: Path) -> None:
     model = load_model()
     assert run() == card_markdown(model.name, model.id, model.card)
     assert json.loads(run("--json")) == model.card.as_json()
-    place = tmp_path / "card.md"
-    assert "card.md" in run("-o", str(place))
-    assert place.read_text() == run()
+    place = tmp_path / "README.md"
+    assert "README.md" in run("--markdown", "-o", str(place))
+    assert place.read_text() == card_markdown(model.name, model.id, model.card, head=True)

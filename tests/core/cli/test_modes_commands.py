@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from PIL import Image, ImageSequence
 
 from modalmotion.cli import main
 from modalmotion.formats import read_sequence, write_npz
@@ -44,7 +45,7 @@ def test_the_table_of_a_lattice_and_of_a_file(beat: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "start"),
-    [("m.png", b"\x89PNG"), ("m.npz", b"PK"), ("m.h5", b"\x89HDF")],
+    [("m.png", b"\x89PNG"), ("m.glb", b"glTF"), ("m.npz", b"PK"), ("m.h5", b"\x89HDF")],
 )
 def test_modes_are_written(tmp_path: Path, beat: Path, name: str, start: bytes) -> None:
     done = run("modes", beat, "--modes", 2, "-o", tmp_path / name)
@@ -53,15 +54,25 @@ def test_modes_are_written(tmp_path: Path, beat: Path, name: str, start: bytes) 
 
 
 @pytest.mark.every(2)
-@pytest.mark.parametrize("name", ["a.vtkhdf", "a.npz", "a.glb"])
+@pytest.mark.parametrize("name", ["a.vtkhdf", "a.npz", "a.glb", "a.gif", "a_%02d.png", "pictures"])
 def test_animations_are_written(tmp_path: Path, beat: Path, name: str) -> None:
     output = tmp_path / name
     modes = ("--mode", "1,1,cos=2", "--mode", "0,2,sin=-1")
     done = run("animate", beat, *modes, "-o", output, "--frames", 4)
     assert done.exit_code == 0, done.output
-    sequence = read_sequence(output).sequence
-    assert (sequence.n_frames, sequence.unit) == (4, "mm")
-    assert np.ptp(sequence.vertices, axis=0).max() > 1.0
+    if name.endswith(("vtkhdf", "npz", "glb")):
+        sequence = read_sequence(output).sequence
+        assert (sequence.n_frames, sequence.unit) == (4, "mm")
+        assert np.ptp(sequence.vertices, axis=0).max() > 1.0
+    elif name == "a.gif":
+        with Image.open(output) as gif:
+            assert len([*ImageSequence.Iterator(gif)]) == 4
+    else:
+        pattern = "frame_%d.png" if name == "pictures" else name
+        folder = output if name == "pictures" else tmp_path
+        assert [path.name for path in sorted(folder.glob("*.png"))] == [
+            pattern % frame for frame in range(4)
+        ]
 
 
 @pytest.mark.parametrize(
@@ -85,13 +96,15 @@ def test_modes_that_are_none_are_refused(tmp_path: Path, beat: Path, mode: str, 
 
 @pytest.mark.parametrize(
     ("output", "words"),
-    [("no/a.npz", "make it first"), ("a.mp4", "ends with none")],
+    [("no/a.glb", "make it first"), ("a.mp4", "ends with none"), ("a.png", "frame_%03d.png")],
 )
 def test_what_cannot_be_written_is_refused_before_anything_is_read(
     tmp_path: Path, output: str, words: str
 ) -> None:
     absent = tmp_path / "absent.npz"
     for command in (["animate", absent, "--mode", "0,0,cos=1"], ["modes", absent]):
+        if command[0] == "modes" and output == "a.png":
+            continue
         done = run(*command, "-o", tmp_path / output)
         assert done.exit_code == 2
         assert words in done.output
@@ -102,5 +115,5 @@ def test_volumes_have_no_picture_and_names_that_are_neither_say_so(tmp_path: Pat
     assert "A volume has no surface" in volume.output
     assert run("modes", tmp_path / "nothing").exit_code != 0
     frames = ("--frames", 20_000)
-    many = run("animate", "plane", "--mode", "0,1,cos=1", "-o", tmp_path / "a.glb", *frames)
+    many = run("animate", "plane", "--mode", "0,1,cos=1", "-o", tmp_path / "a.gif", *frames)
     assert "at most 10000" in many.output

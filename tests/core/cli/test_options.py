@@ -200,6 +200,7 @@ def test_pictures_need_matplotlib_before_any_work(
     for words in (
         ("signature", "absent", "--plot", "a.png"),
         ("modes", "absent", "-o", "a.svg"),
+        ("animate", "absent", "--mode", "1,1,cos=1", "-o", "a.gif"),
     ):
         run = CliRunner().invoke(main, [*words[:-1], str(tmp_path / words[-1])])
         assert "pip install matplotlib" in run.output

@@ -148,7 +148,7 @@ def test_a_folder_of_contours_is_tracked_and_not_read_as_meshes(tmp_path: Path) 
 pytest.importorskip("highdicom")
 
 
-def test_an_object_is_written_and_nothing_without_a_space(tmp_path: Path) -> None:
+def test_objects_are_written_and_nothing_without_a_space(tmp_path: Path) -> None:
     source, study = tmp_path / "beat.npz", tmp_path / "image.dcm"
     source.write_bytes(write_npz(beat(1)))
     study.write_bytes(study_instance())
@@ -158,13 +158,14 @@ def test_an_object_is_written_and_nothing_without_a_space(tmp_path: Path) -> Non
         named = ("dicom", str(source), "--study", str(study))
         return CliRunner().invoke(main, [*named, *fixed, *options])
 
-    done = run("a.dcm", "--coordinates", "LPS", "--cavity", "lv")
+    done = run("a", "--coordinates", "LPS", "--cavity", "lv")
     assert done.exit_code == 0, done.output
-    assert (tmp_path / "a.dcm").read_bytes()[128:132] == b"DICM"
-    refused = run("c.dcm")
+    names = ["end-diastole.dcm", "end-systole.dcm", "report.dcm"]
+    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == names
+    refused = run("c")
     assert refused.exit_code == 1
     assert "coordinates are not stated" in refused.output
     assert "coordinates=LPS" in refused.output
-    wrong = run("c.dcm", "--coordinates", "LPS", study=source)
+    wrong = run("c", "--coordinates", "LPS", study=source)
     assert "no DICOM instance" in wrong.output
-    assert not (tmp_path / "c.dcm").exists()
+    assert not (tmp_path / "c").exists()

@@ -34,7 +34,7 @@ CHEAP = {
     "classify": "{beat}",
     "convert": "{beat} {out}.vtkhdf",
     "decode": "{stream} -o {out}.npz",
-    "dicom": "{beat} --study {study} --coordinates LPS -o {out}.dcm",
+    "dicom": "{beat} --study {study} --coordinates LPS -o {out}",
     "encode": "{beat} -o {out}.stream --max-error 1",
     "modes": "{beat}",
     "norm": "train {controls} --name ours -o {out}.norm.h5",

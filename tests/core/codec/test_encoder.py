@@ -101,6 +101,22 @@ def test_the_orientation_of_faces_is_kept(
     assert triangles(free.faces) == triangles(sequence.faces)
 
 
+def test_a_stream_keeps_within_the_bytes_it_was_given(rng: np.random.Generator) -> None:
+    sequence = lattice_sequence(rng)
+    sizes, errors = [], []
+    for n_bytes in (300, 600, 1200, 20_000):
+        encoded = encode(sequence, n_bytes=n_bytes, effort="fast")
+        assert encoded.n_bytes <= n_bytes
+        assert errors_of(sequence, decode(encoded.data))[0] == pytest.approx(encoded.rms)
+        sizes.append(encoded.n_bytes)
+        errors.append(encoded.rms)
+    assert errors == sorted(errors, reverse=True)
+    assert sizes[1] > 0.8 * 600
+    assert errors[-1] == 0.0
+    with pytest.raises(ParameterError, match="No stream of 20 bytes"):
+        encode(sequence, n_bytes=20)
+
+
 def test_modes_beat_what_a_coarse_stream_of_numbers_takes(rng: np.random.Generator) -> None:
     # Smooth motion at an error of its noise: far below a bit for each coordinate.
     encoded = encode(lattice_sequence(rng), rms=0.1)
@@ -108,7 +124,7 @@ def test_modes_beat_what_a_coarse_stream_of_numbers_takes(rng: np.random.Generat
 
 
 @pytest.mark.parametrize(
-    "asked", [{"rms": 0.1, "max_error": 10.0}, {"rms": -1.0}, {"max_error": float("nan")}]
+    "asked", [{"rms": 0.1, "n_bytes": 10}, {"rms": -1.0}, {"max_error": float("nan")}]
 )
 def test_a_target_that_makes_no_sense_is_refused(
     asked: dict[str, Any], rng: np.random.Generator
@@ -138,7 +154,7 @@ def test_an_unknown_effort_is_refused(rng: np.random.Generator) -> None:
 
 def test_progress_runs_from_nothing_to_all(rng: np.random.Generator) -> None:
     seen: list[Progress] = []
-    encode(lattice_sequence(rng), rms=0.1, effort="fast", progress=seen.append)
+    encode(lattice_sequence(rng), n_bytes=900, effort="fast", progress=seen.append)
     shares = [progress.share for progress in seen]
     assert shares[0] == 0
     assert shares[-1] == 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from modalmotion.errors import LimitError, ParameterError
-from modalmotion.exports.animation import swing
+from modalmotion.exports.animation import one_by_one, swing
 from modalmotion.formats import read_sequence, write_glb
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.sequence import standard_surface
@@ -80,6 +80,16 @@ def test_a_glb_plays_the_same_positions(tube: Template) -> None:
     assert read.vertices == pytest.approx(np.stack([*moved.positions()]), abs=1e-6)
     assert (read.unit, read.topology) == ("mm", CYLINDER)
     assert read.times == pytest.approx(moved.times, abs=1e-6)
+
+
+def test_modes_are_shown_one_after_the_other(tube: Template) -> None:
+    modes = modes_of(tube, "0,0,cos", "1,0,cos", "0,1,sin")
+    shown = one_by_one(tube, modes, directions_on(tube, Direction.NORMAL))
+    assert (np.count_nonzero(shown.amplitudes, axis=1) <= 1).all()
+    assert not shown.amplitudes[[0, -1]].any()
+    assert (np.diff(shown.times) > 0).all()
+    reach = max(float(np.abs(height).max()) for height in shown.heights())
+    assert reach == pytest.approx(0.15 * np.ptp(tube.vertices, axis=0).max() / 2, rel=1e-6)
 
 
 def test_what_cannot_be_shown_is_refused(tube: Template, monkeypatch: pytest.MonkeyPatch) -> None:

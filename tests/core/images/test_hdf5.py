@@ -11,7 +11,7 @@ from ellipsoid_images import planes, volume
 from modalmotion.errors import CorruptFileError, NotFoundError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.hdf5 import read_images_file, write_images
-from modalmotion.images.sequence import parts_of
+from modalmotion.images.volume import parts_of
 from modalmotion.notes import Note
 
 TINY = (7, 6, 5)

@@ -10,8 +10,7 @@ from ellipsoid_images import planes, volume
 
 from modalmotion.errors import InputError, ParameterError, ShapeError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.images.sequence import images_in
-from modalmotion.images.volume import interpolated, slices_of
+from modalmotion.images.volume import images_in, interpolated, slices_of
 
 SHEARED = np.array([[1.5, 0.4, 0.0, 3.0], [0.0, -2.0, 0.1, -7.0], [0.2, 0.0, 3.0, 11.0]])
 

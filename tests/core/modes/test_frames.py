@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from modalmotion.modes.lattice import Lattice, project, superpose
+from modalmotion.modes.lattice import Lattice, project, project_all, superpose, superpose_all
 from modalmotion.modes.topology import CUP, CYLINDER, TORUS, Topology
 
 LIMIT_BYTES = 200e6
@@ -38,3 +38,32 @@ def test_a_million_nodes_few_modes(topology: Topology) -> None:
     assert peak_bytes(lambda: project(lattice, modes, u)) <= LIMIT_BYTES
     a = np.zeros((3, 7, 3))
     assert peak_bytes(lambda: superpose(lattice, modes, a)) <= LIMIT_BYTES + 3 * 24e6
+
+
+@pytest.mark.parametrize("topology", [MILLION[0], MILLION[2]], ids=str)
+def test_a_million_nodes_all_modes(topology: Topology) -> None:
+    lattice = Lattice(topology, (1000, 1000))
+    u = np.broadcast_to(np.ones((1, 10**6, 3), dtype=np.float32), (2, 10**6, 3))
+    answers = 2 * 24e6
+    # The first call finds the places of all modes too.
+    assert peak_bytes(lambda: project_all(lattice, u)) <= LIMIT_BYTES + answers
+    a = project_all(lattice, u)
+    assert peak_bytes(lambda: superpose_all(lattice, a)) <= LIMIT_BYTES + answers
+    assert np.abs(superpose_all(lattice, a) - 1.0).max() <= 1e-14
+
+
+@pytest.mark.parametrize("transform", [project_all, superpose_all])
+def test_more_frames_take_no_more_memory(
+    transform: Callable[..., object], rng: np.random.Generator
+) -> None:
+    lattice = Lattice(CUP, (100, 100))
+    frame = rng.standard_normal((1, 10**4, 3))
+    # The places of all modes are found once.
+    transform(lattice, frame)
+
+    def peak(n_frames: int) -> int:
+        u = np.broadcast_to(frame, (n_frames, 10**4, 3))
+        # Beside the answer.
+        return peak_bytes(lambda: transform(lattice, u)) - 8 * u.size
+
+    assert peak(40) <= 1.1 * peak(2)

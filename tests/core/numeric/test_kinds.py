@@ -47,6 +47,7 @@ REFUSED: dict[str, Callable[[], object]] = {
     "mass is True": lambda: LATTICE(mm.PLANE, (4, 4), mass=True),
     "n_modes is 7.5": lambda: LOWEST(mm.CUP, 7.5),
     "n_modes is True": lambda: whole_count(mm.CUP, True),
+    "n_bytes is 2000.5": lambda: encode(small(), n_bytes=2000.5),  # type: ignore[arg-type]
     "'rms' of encode.. is a str": lambda: encode(small(), rms="a"),  # type: ignore[arg-type]
     "n_frames is 2.5": lambda: mm.Acquisition(n_frames=2.5),  # type: ignore[arg-type]
     "length is '8'": lambda: mm.VentricleParameters(length="8"),  # type: ignore[arg-type]

@@ -19,7 +19,7 @@ import modalmotion as mm
 from modalmotion.formats.parser_child import ParserHere
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.reports import report_of
-from modalmotion.reports.dicom import dicom_report, read_study
+from modalmotion.reports.dicom import dicom_instances, read_study
 
 pytest.importorskip("highdicom")
 
@@ -49,8 +49,9 @@ def test_an_archive_returns_the_same_bytes(tmp_path: Path) -> None:
         sequence = replace(sequence, unit="mm", facts=facts)
         signature = mm.modal_signature(sequence)
         made = report_of(signature, sequence, issued=datetime(2026, 1, 31, 12, tzinfo=UTC))
-        paths.append(tmp_path / f"{seed}.dcm")
-        paths[-1].write_bytes(dicom_report(made, study))
+        for name, data in dicom_instances(made, study).items():
+            paths.append(tmp_path / f"{seed}-{name}")
+            paths[-1].write_bytes(data)
     (tmp_path / "kept").mkdir()
     settings = tmp_path / "orthanc.json"
     settings.write_text(

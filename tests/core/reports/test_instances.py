@@ -7,11 +7,13 @@ import logging
 import shutil
 import subprocess
 import warnings
+import zipfile
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from dicom_samples import study_instance
 from norm_controls import beat
@@ -20,10 +22,12 @@ import modalmotion as mm
 from modalmotion.classification import classify
 from modalmotion.errors import ParameterError
 from modalmotion.formats.parser_child import ParserHere
+from modalmotion.formats.text_meshes import read_stl
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.norm import train_norm
 from modalmotion.reports import Report, quantities_of, report_of
-from modalmotion.reports.dicom import Study, dicom_report, read_study
+from modalmotion.reports.content import moments_of
+from modalmotion.reports.dicom import Study, dicom_instances, dicom_zip, read_study
 from modalmotion.simulate import MotionClass
 
 pydicom = pytest.importorskip("pydicom")
@@ -31,6 +35,7 @@ codes = pytest.importorskip("pydicom.sr.codedict").codes
 highdicom = pytest.importorskip("highdicom")
 
 ISSUED = datetime(2026, 1, 31, 12, tzinfo=UTC)
+NAMES = ["report.dcm", "end-diastole.dcm", "end-systole.dcm"]
 HERE = ParserHere(DEFAULT_LIMITS)
 
 
@@ -57,8 +62,8 @@ def whole() -> Report:
 
 
 @pytest.fixture(scope="module")
-def file(whole: Report, study: Study) -> bytes:
-    return dicom_report(whole, study)
+def files(whole: Report, study: Study) -> dict[str, bytes]:
+    return dicom_instances(whole, study)
 
 
 def opened(data: bytes) -> Any:
@@ -85,21 +90,26 @@ def numbers(sr: Any) -> dict[str, float]:
     return found
 
 
-def test_it_is_of_the_patients_study(file: bytes) -> None:
-    sr = opened(file)
-    assert (sr.StudyInstanceUID, sr.PatientID) == ("1.2.3.4.5", "P 7")
-    assert str(sr.PatientName) == "Müller^Jörg"
-    assert (sr.StudyDate, sr.AccessionNumber) == ("20260102", "A 9")
-    assert (sr.ContentDate, sr.ContentTime) == ("20260131", "120000")
-    assert sr.SeriesInstanceUID != "1.2.4"
+def test_objects_are_of_the_patients_study(files: dict[str, bytes]) -> None:
+    assert list(files) == NAMES
+    for data in files.values():
+        one = opened(data)
+        assert (one.StudyInstanceUID, one.PatientID) == ("1.2.3.4.5", "P 7")
+        assert str(one.PatientName) == "Müller^Jörg"
+        assert (one.StudyDate, one.AccessionNumber) == ("20260102", "A 9")
+        assert (one.ContentDate, one.ContentTime) == ("20260131", "120000")
+        assert one.SeriesInstanceUID != "1.2.4"
+    sr = opened(files["report.dcm"])
     assert (sr.PreliminaryFlag, sr.VerificationFlag) == ("PRELIMINARY", "UNVERIFIED")
     (evidence,) = sr.CurrentRequestedProcedureEvidenceSequence
     (series,) = evidence.ReferencedSeriesSequence
     assert series.ReferencedSOPSequence[0].ReferencedSOPInstanceUID == "1.2.3.1"
+    uids = {opened(data).SOPInstanceUID for data in files.values()}
+    assert len(uids) == len(files)
 
 
-def test_numbers_are_those_of_the_library(whole: Report, file: bytes) -> None:
-    found = numbers(opened(file))
+def test_numbers_are_those_of_the_library(whole: Report, files: dict[str, bytes]) -> None:
+    found = numbers(opened(files["report.dcm"]))
     # The term of LOINC that the FHIR bundle has, too.
     found["ejection-fraction"] = found.pop("10230-1")
     for name, keyword in (
@@ -114,7 +124,7 @@ def test_numbers_are_those_of_the_library(whole: Report, file: bytes) -> None:
     assert found["max-error"] == whole.signature.max_errors.max()
     assert whole.deviation is not None
     assert found["p"] == whole.deviation.p
-    parsed = highdicom.sr.srread(io.BytesIO(file))
+    parsed = highdicom.sr.srread(io.BytesIO(files["report.dcm"]))
     groups = parsed.content.get_image_measurement_groups()
     assert len(groups) == 4
     names = {group.finding_type.meaning: group for group in groups}
@@ -125,12 +135,28 @@ def test_numbers_are_those_of_the_library(whole: Report, file: bytes) -> None:
     assert stated.value.meaning == (whole.classification.label or stated.value.meaning)
 
 
+def test_surfaces_are_those_that_were_sent(whole: Report, files: dict[str, bytes]) -> None:
+    for (frame, name), file in zip(moments_of(whole), NAMES[1:], strict=True):
+        one = opened(files[file])
+        assert one.MIMETypeOfEncapsulatedDocument == "model/stl"
+        assert one.FrameOfReferenceUID == "1.2.5"
+        assert one.DocumentTitle == f"{name.capitalize()}, frame {frame}"
+        surface = read_stl(one.EncapsulatedDocument[: one.EncapsulatedDocumentLength])
+        faces, vertices = whole.sequence.faces, whole.sequence.vertices[frame]
+        corners = np.sort(vertices[faces].astype(np.float32), axis=1)
+        np.testing.assert_array_equal(np.sort(surface.positions.reshape(-1, 3, 3), axis=1), corners)
+
+
 def test_the_same_report_and_study_are_the_same_bytes(
-    whole: Report, study: Study, file: bytes
+    whole: Report, study: Study, files: dict[str, bytes]
 ) -> None:
-    assert dicom_report(whole, study) == file
+    zipped = dicom_zip(whole, study)
+    assert zipped == dicom_zip(whole, study)
+    with zipfile.ZipFile(io.BytesIO(zipped)) as archive:
+        assert {name: archive.read(name) for name in archive.namelist()} == files
     other = read_study(study_instance(StudyInstanceUID="1.2.3.4.6"), parser=HERE)
-    assert opened(dicom_report(whole, other)).SOPInstanceUID != opened(file).SOPInstanceUID
+    uids = [opened(own).SOPInstanceUID for own in dicom_instances(whole, other).values()]
+    assert not set(uids) & {opened(data).SOPInstanceUID for data in files.values()}
 
 
 def test_without_a_stated_space_nothing_is_written(study: Study) -> None:
@@ -142,7 +168,7 @@ def test_without_a_stated_space_nothing_is_written(study: Study) -> None:
         (replace(in_space(plain), unit="cm"), "unit", "is cm"),
     ):
         with pytest.raises(ParameterError, match=said) as refused:
-            dicom_report(report(sequence), study)
+            dicom_instances(report(sequence), study)
         assert refused.value.details == {"fact": fact}
         assert refused.value.remedy
 
@@ -155,7 +181,7 @@ def test_nobody_hears_of_the_patient(
         warnings.simplefilter("always")
         # A name that highdicom would warn of.
         odd = read_study(study_instance(PatientName="Müller"), parser=HERE)
-        dicom_report(whole, odd)
+        dicom_instances(whole, odd)
     said = caplog.text + "".join(str(one.message) for one in warned)
     assert "ller" not in said
     assert "P 7" not in said
@@ -167,11 +193,11 @@ def test_a_class_that_is_none_and_no_model_are_told_apart(whole: Report, study: 
     abstained = replace(whole.classification, label=None, flags=("unlike_training",))
     for answer, code in ((abstained, "no-class"), (None, "not-asked")):
         one = replace(whole, classification=answer)
-        text = str(opened(dicom_report(one, study)))
+        text = str(opened(dicom_instances(one, study)["report.dcm"]))
         assert code in text
     unknown = Study({**study.header, "SOPClassUID": "1.2.840.10008.5.1.4.1.1.999"})
     with pytest.raises(ParameterError, match="not supported"):
-        dicom_report(whole, unknown)
+        dicom_instances(whole, unknown)
 
 
 def faults(data: bytes, folder: Path) -> list[str]:
@@ -180,11 +206,12 @@ def faults(data: bytes, folder: Path) -> list[str]:
     path.write_bytes(data)
     checked = subprocess.run(["dciodvfy", path], capture_output=True, text=True, errors="replace")
     said = [line for line in checked.stderr.splitlines() if line.startswith("Error")]
-    dumped = subprocess.run(["dsrdump", path], capture_output=True, text=True, errors="replace")
-    assert "Imaging Measurement Report" in dumped.stdout
-    said += [line for line in dumped.stderr.splitlines() if line.startswith("E:")]
-    if dumped.returncode:
-        said.append(f"dsrdump ended with {dumped.returncode}")
+    if opened(data).Modality == "SR":
+        dumped = subprocess.run(["dsrdump", path], capture_output=True, text=True, errors="replace")
+        assert "Imaging Measurement Report" in dumped.stdout
+        said += [line for line in dumped.stderr.splitlines() if line.startswith("E:")]
+        if dumped.returncode:
+            said.append(f"dsrdump ended with {dumped.returncode}")
     return said
 
 
@@ -195,9 +222,12 @@ with_checkers = pytest.mark.skipif(
 
 
 @with_checkers
-def test_others_find_no_error_and_find_those_that_are_made(file: bytes, tmp_path: Path) -> None:
-    assert faults(file, tmp_path) == []
-    spoilt = opened(file)
+def test_others_find_no_error_and_find_those_that_are_made(
+    files: dict[str, bytes], tmp_path: Path
+) -> None:
+    for data in files.values():
+        assert faults(data, tmp_path) == []
+    spoilt = opened(files["report.dcm"])
     del spoilt.CompletionFlag
     out = io.BytesIO()
     spoilt.save_as(out)
@@ -213,6 +243,6 @@ def test_of_fifty_drawn_results_others_find_no_error(study: Study, tmp_path: Pat
             beat(seed, kinds[seed % len(kinds)]), cavity=("lv", "rv", "unknown")[seed % 3]
         )
         answer = classify(sequence) if seed % 2 else None
-        data = dicom_report(report(sequence, classification=answer), study)
-        assert faults(data, tmp_path) == [], seed
-        assert pydicom.dcmread(io.BytesIO(data)).StudyInstanceUID == "1.2.3.4.5"
+        for data in dicom_instances(report(sequence, classification=answer), study).values():
+            assert faults(data, tmp_path) == [], seed
+            assert pydicom.dcmread(io.BytesIO(data)).StudyInstanceUID == "1.2.3.4.5"

@@ -10,9 +10,7 @@ import scipy
 from ellipsoid_images import MIDDLE, RADIUS, Look, planes, spheroid, uneven, volume
 
 from modalmotion.images import PlaneSet, Volume
-from modalmotion.images.edges import Levels
-from modalmotion.tracking.image_levels import renewed
-from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
+from modalmotion.tracking.image_view import Facets, Imaging, Levels, View, renewed, view_of
 
 LOOK = Look(noise=4.0)
 TEMPLATE = spheroid()

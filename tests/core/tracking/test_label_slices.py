@@ -12,7 +12,7 @@ from modalmotion.errors import ShapeError
 from modalmotion.images import Volume
 from modalmotion.notes import Note
 from modalmotion.representation import Floats
-from modalmotion.tracking.label_slices import ends_in_slices
+from modalmotion.tracking.label_maps import ends_in_slices
 
 STEP, PIXEL = 8.0, 1.5
 LENGTH, CUT = 50.0, 25.0

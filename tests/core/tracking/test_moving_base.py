@@ -18,11 +18,10 @@ from ellipsoid_images import (
 )
 
 from modalmotion.images import ImageSequence, Volume
-from modalmotion.images.edges import Levels
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.tracking import Observation, track
 from modalmotion.tracking.image_frames import below_base, with_end
-from modalmotion.tracking.image_view import Imaging
+from modalmotion.tracking.image_view import Imaging, Levels
 from modalmotion.tracking.moving_base import base_by_volume
 
 TEMPLATE = spheroid()

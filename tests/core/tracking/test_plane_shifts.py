@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from ellipsoid_images import AXES, BASE, LANDMARKS, MIDDLE, Look, off_surface, planes, spheroid
 
-from modalmotion.images.edges import Levels
 from modalmotion.representation import Floats
 from modalmotion.tracking import track
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_search import Scene, left_by_shifts
-from modalmotion.tracking.image_view import Facets, Imaging, view_of
+from modalmotion.tracking.image_frames import Scene, left_by_shifts
+from modalmotion.tracking.image_view import Facets, Imaging, Levels, view_of
 from modalmotion.tracking.iterations import first_guess
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import normal_equations

@@ -21,14 +21,13 @@ from ellipsoid_images import (
 )
 
 from modalmotion.images import ImageSequence, Volume
-from modalmotion.images.edges import Levels
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CYLINDER
 from modalmotion.tracking import image_frames, track
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_view import Facets, Imaging, View, view_of
+from modalmotion.tracking.image_view import Facets, Imaging, Levels, View, view_of
 from modalmotion.tracking.trabecular_correction import (
     has_trabeculae,
     muscle_within,

@@ -20,7 +20,7 @@ def blocks(language: str) -> list[str]:
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_its_code_runs() -> None:
-    for extra in ("anywidget", "pandas"):
+    for extra in ("anywidget", "pandas", "xarray"):
         pytest.importorskip(extra)
     namespace: dict[str, object] = {}
     for block in blocks("python"):

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import logging
+import zipfile
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,7 +29,7 @@ from modalmotion.formats import write_npz
 from modalmotion.formats.parser_child import ParserHere
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.reports import fhir_json, report_figure, report_of
-from modalmotion.reports.dicom import dicom_report, read_study
+from modalmotion.reports.dicom import dicom_instances, read_study
 from modalmotion.representation import probability
 from modalmotion.simulate import MotionClass
 from modalmotion_service.schemas.results import ReadoutsAnswer
@@ -121,9 +122,11 @@ def test_dicom_objects_have_the_numbers_of_the_readouts_and_nothing_of_the_patie
     study = study_instance()
     answer = client.post(f"{placed}/dicom", content=study)
     assert answer.status_code == 200, answer.text
-    assert answer.headers["content-type"] == "application/dicom"
+    assert answer.headers["content-type"] == "application/zip"
     assert client.post(f"{placed}/dicom", content=study).content == answer.content
-    numbers = numbers_of(answer.content)
+    with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
+        assert archive.namelist() == ["report.dcm", "end-diastole.dcm", "end-systole.dcm"]
+        numbers = numbers_of(archive.read("report.dcm"))
     volumes = client.get(f"{placed}/readouts").json()["from_signature"]
     assert numbers["10230-1"] == volumes["ejection_fraction"]["value"]
     kept = b"".join(path.read_bytes() for path in shared_data_dir.rglob("*") if path.is_file())
@@ -158,8 +161,8 @@ def test_the_client_saves_reports_and_objects(
         for file, begins in (("a.json", b"{"), ("a.csv", b"frame")):
             remote.save("report", tmp_path / file, name)
             assert (tmp_path / file).read_bytes().startswith(begins)
-        remote.save_dicom(name, study_instance(), tmp_path / "a.dcm")
-        assert (tmp_path / "a.dcm").read_bytes()[128:132] == b"DICM"
+        remote.save_dicom(name, study_instance(), tmp_path / "a.zip")
+        assert (tmp_path / "a.zip").read_bytes().startswith(b"PK")
         with pytest.raises(ParameterError, match="suffix"):
             remote.save("report", tmp_path / "a.doc", name)
 
@@ -189,7 +192,7 @@ def test_all_forms_say_the_same_to_the_last_printed_digit() -> None:
             for entry in bundle["entry"]
             for part in entry["resource"].get("component", ())
         }
-        file = dicom_report(report, study)
+        file = dicom_instances(report, study)["report.dcm"]
         sr = numbers_of(file)
         text = frame_table(signature, report.readouts, report.ventricle).to_csv()
         volumes = [float(row["volume_ml"]) for row in csv.DictReader(text.splitlines())]

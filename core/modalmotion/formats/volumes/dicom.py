@@ -276,6 +276,7 @@ _NEEDED: Final = ("StudyInstanceUID", "SeriesInstanceUID", "SOPInstanceUID", "SO
 _KEPT: Final = (
     *("PatientName", "PatientID", "IssuerOfPatientID", "PatientSex"),
     *("StudyID", "AccessionNumber", "ReferringPhysicianName", "StudyDescription"),
+    "FrameOfReferenceUID",
 )
 # Left out where they are no date or time, which archives forgive.
 _MOMENTS: Final = ("PatientBirthDate", "StudyDate", "StudyTime")

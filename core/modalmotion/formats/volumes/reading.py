@@ -22,8 +22,7 @@ from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Answer, Parser
 from modalmotion.formats.volumes.stack import Slice, grouped
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.images.sequence import Image
-from modalmotion.images.volume import slices_of
+from modalmotion.images.volume import Image, slices_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.notes import Note, notes_from_json
 from modalmotion.progress import Reporter, reported

@@ -106,6 +106,7 @@ def encode_sequence(
         store.sequence_from_hdf5(source) if isinstance(source, Path) else source.read().sequence,
         rms=target.rms,
         max_error=target.max_error,
+        n_bytes=target.bytes,
         effort=target.effort,
         progress=part_of(ProgressFile(progress).write, 0.0, 1.0, "encoding"),
     )

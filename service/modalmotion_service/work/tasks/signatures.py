@@ -25,7 +25,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.progress import Stopwatch
 from modalmotion.reports import Report, fhir_json, report_of, report_pdf
-from modalmotion.reports.dicom import dicom_report, read_study
+from modalmotion.reports.dicom import dicom_zip, read_study
 from modalmotion.signature.distance import Comparison, compare
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.tradeoff import as_plain, measure_tradeoff
@@ -299,9 +299,9 @@ def make_report(one: Fitted, media_type: str, classification: Path | None) -> by
 def make_dicom(
     one: Fitted, instance: Path, limits: ReadLimits, classification: Path | None, output: Path
 ) -> None:
-    """Write a report on a signature as an object of an instance's study."""
+    """Write a report on a signature as a zip of objects of an instance's study."""
     study = read_study(instance, parser=parser_for(limits))
-    write_whole(output, dicom_report(_report(one, classification), study))
+    write_whole(output, dicom_zip(_report(one, classification), study))
 
 
 def _report(one: Fitted, classification: Path | None) -> Report:

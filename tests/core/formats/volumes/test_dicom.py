@@ -23,7 +23,7 @@ def test_patient_and_study_are_read_and_no_pixels() -> None:
     found = header()
     assert found["PatientName"] == "Müller^Jörg"
     assert (found["PatientID"], found["PatientSex"]) == ("P 7", "M")
-    assert found["StudyInstanceUID"] == "1.2.3.4.5"
+    assert (found["StudyInstanceUID"], found["FrameOfReferenceUID"]) == ("1.2.3.4.5", "1.2.5")
     assert "PixelData" not in found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.images.edges import Edges, Levels, find_edges, offsets_of
+from modalmotion.tracking.image_view import Edges, Levels, find_edges, offsets_of
 
 STEP, REACH = 0.5, 8.0
 OFFSETS = offsets_of(STEP, REACH)
