@@ -4,8 +4,6 @@ The functions within trust what reaches them. The error says what came, what is 
 make it.
 """
 
-from __future__ import annotations
-
 import builtins
 import functools
 import inspect
@@ -21,18 +19,9 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 
+import modalmotion as mm
 from modalmotion.errors import InputError, ParameterError, ShapeError, not_to_be_called
 from modalmotion.representation import with_article
-
-if TYPE_CHECKING:
-    from modalmotion import (
-        Classification,
-        ClinicalReadouts,
-        Encoded,
-        ModalSignature,
-        Report,
-        Strain,
-    )
 
 # How what is meant is made, by the name of its class.
 _MADE: Final = {
@@ -174,9 +163,7 @@ def _meant(value: Any, hint: Any) -> Any:
     if inner is not None and _fits(inner, hint):
         return inner
     if "TrainingCase" in str(hint) and isinstance(value, (str, Path)):
-        from modalmotion import read_cases
-
-        return read_cases(Path(value))
+        return mm.read_cases(Path(value))
     # A function that takes sequences too chooses the parameters of their signatures itself.
     kinds = sorted(
         _alternatives(hint), key=lambda of: getattr(of, "__name__", "") == "ModalSignature"
@@ -187,8 +174,6 @@ def _meant(value: Any, hint: Any) -> Any:
 
 def _made(value: Any, kind: Any) -> Any:
     """Make a value of a kind of what it is usually made of; None of anything else."""
-    import modalmotion as mm
-
     name, is_path = getattr(kind, "__name__", ""), isinstance(value, (str, Path))
     if name == "MeshSequence" and is_path:
         return mm.read(value)
@@ -397,9 +382,7 @@ class Saved:
         ParameterError
             If there is no such format for it.
         """
-        import modalmotion
-
-        return modalmotion.save(self, path)
+        return mm.save(self, path)
 
 
 class Plotted:
@@ -412,9 +395,7 @@ class Plotted:
         -------
         matplotlib.figure.Figure
         """
-        import modalmotion
-
-        return modalmotion.plot(self, path)
+        return mm.plot(self, path)
 
 
 # What is often looked for on a recording, by the method whose answer has it.
@@ -443,44 +424,30 @@ class Recorded(Saved, Plotted):
                 f"{kind!r} object has no attribute {name!r}.{told}", name=name, obj=self
             )
 
-    def signature(self: Any, *parameters: Any, **fields: Any) -> ModalSignature:
+    def signature(self: Any, *parameters: Any, **fields: Any) -> "mm.ModalSignature":
         """Fit modes, `signature(modes=7)`: see `modalmotion.modal_signature`."""
-        import modalmotion
+        return mm.modal_signature(self, *parameters, **fields)
 
-        return modalmotion.modal_signature(self, *parameters, **fields)
-
-    def classify(self: Any, *arguments: Any, **options: Any) -> Classification:
+    def classify(self: Any, *arguments: Any, **options: Any) -> "mm.Classification":
         """Name the class of its motion: see `modalmotion.classify`."""
-        import modalmotion
+        return mm.classify(self, *arguments, **options)
 
-        return modalmotion.classify(self, *arguments, **options)
-
-    def strain(self: Any, **options: Any) -> Strain:
+    def strain(self: Any, **options: Any) -> "mm.Strain":
         """Measure GLS, GCS and more: see `modalmotion.strain`."""
-        import modalmotion
+        return mm.strain(self, **options)
 
-        return modalmotion.strain(self, **options)
-
-    def readouts(self: Any, *parameters: Any, **fields: Any) -> ClinicalReadouts:
+    def readouts(self: Any, *parameters: Any, **fields: Any) -> "mm.ClinicalReadouts":
         """Read volume and ejection fraction, of its signature: see `clinical_readouts`."""
-        import modalmotion
+        return mm.clinical_readouts(self.signature(*parameters, **fields), self)
 
-        return modalmotion.clinical_readouts(self.signature(*parameters, **fields), self)
-
-    def encode(self: Any, **options: Any) -> Encoded:
+    def encode(self: Any, **options: Any) -> "mm.Encoded":
         """Compress it, `encode()` or `encode(rms=0.3)`: see `modalmotion.encode`."""
-        import modalmotion
-
-        return modalmotion.encode(self, **options)
+        return mm.encode(self, **options)
 
     def view(self: Any, **options: Any) -> Any:
         """Show it moving in a notebook: see `modalmotion.view`."""
-        import modalmotion
+        return mm.view(self, **options)
 
-        return modalmotion.view(self, **options)
-
-    def report(self: Any, path: Any, **options: Any) -> Report:
+    def report(self: Any, path: Any, **options: Any) -> "mm.Report":
         """Write a report, a folder or one file of it: see `modalmotion.report`."""
-        import modalmotion
-
-        return modalmotion.report(self, path, **options)
+        return mm.report(self, path, **options)
