@@ -366,7 +366,7 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
 FORM: Final = Form("sequence", 2)
 """Version 1 had no facts."""
 
-TRACK: Final = Form("track", 4)
+TRACK: Final = Form("track", 5)
 """Of a track, which contains its sequence in the same way."""
 
 
@@ -382,22 +382,26 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
     bytes
         The same for the same sequence.
     """
-    unit = sequence.unit or UNKNOWN
+    return FORM.image(
+        {"sequence_id": sequence.id},
+        sequence_datasets(sequence),
+        unit=sequence.unit or UNKNOWN,
+        topology=None if sequence.topology is None else sequence.topology.name,
+        grid=sequence.grid,
+    )
+
+
+def sequence_datasets(sequence: MeshSequence) -> list[Dataset]:
+    """Datasets of a sequence, in its own file or in that of a track."""
     vertices = sequence.vertices.astype(sequence.vertices.dtype.newbyteorder("<"), copy=False)
     datasets = [
-        Dataset("vertices", vertices, unit, "frame, vertex, direction"),
+        Dataset("vertices", vertices, sequence.unit or UNKNOWN, "frame, vertex, direction"),
         Dataset("faces", sequence.faces.astype("<i8", copy=False), "1", "face, corner"),
         json_text("facts", facts_as_json(sequence.facts)),
     ]
     if sequence.times is not None:
         datasets.append(Dataset("times", sequence.times, "s", "frame"))
-    return FORM.image(
-        {"sequence_id": sequence.id},
-        datasets,
-        unit=unit,
-        topology=None if sequence.topology is None else sequence.topology.name,
-        grid=sequence.grid,
-    )
+    return datasets
 
 
 def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
@@ -420,16 +424,20 @@ def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
 def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence, Contents]:
     """Read a mesh sequence together with the contents of its file."""
     with form.read(source) as contents:
-        sequence = mesh_sequence(
-            given_up(contents.array("vertices", (None, None, 3))),
-            contents.array("faces", (None, 3)),
-            grid=contents.attributes.get("grid"),
-            topology=contents.optional_text("topology"),
-            times=contents.arrays.get("times"),
-            unit=contents.unit,
-            facts=facts_from_json(contents.json("facts", dict)),
-        )
-        return sequence, contents
+        return sequence_in(contents), contents
+
+
+def sequence_in(contents: Contents) -> MeshSequence:
+    """Sequence that the contents of a file have."""
+    return mesh_sequence(
+        given_up(contents.array("vertices", (None, None, 3))),
+        contents.array("faces", (None, 3)),
+        grid=contents.attributes.get("grid"),
+        topology=contents.optional_text("topology"),
+        times=contents.arrays.get("times"),
+        unit=contents.unit,
+        facts=facts_from_json(contents.json("facts", dict)),
+    )
 
 
 def lattice_faces(topology: Topology, shape: tuple[int, ...]) -> Ints:

@@ -353,13 +353,24 @@ def template_to_hdf5(template: Template) -> bytes:
     bytes
         The same for the same template.
     """
-    length = "length unit of the sequence"
+    datasets = [
+        Dataset("faces", template.faces.astype("<i8", copy=False), "1", "face, corner"),
+        *template_datasets(template, "length unit of the sequence"),
+    ]
+    topology = MESH if template.surface is None else template.surface.name
+    return FORM.image({"template_id": template.id}, datasets, topology=topology)
+
+
+def template_datasets(template: Template, unit: str, shape: str = "vertices") -> list[Dataset]:
+    """Datasets of a template without its faces, which a sequence in the same file has.
+
+    `shape` is the name of that of its vertices.
+    """
     datasets = [
         Dataset("coordinates", template.coordinates, "1", "vertex, axis"),
         Dataset("weights", template.weights, "1", "vertex"),
-        Dataset("lengths", np.array(template.lengths, dtype=np.float64), length, "axis"),
-        Dataset("vertices", template.vertices, length, "vertex, direction"),
-        Dataset("faces", template.faces.astype("<i8", copy=False), "1", "face, corner"),
+        Dataset("lengths", np.array(template.lengths, dtype=np.float64), unit, "axis"),
+        Dataset(shape, template.vertices, unit, "vertex, direction"),
         Dataset("isolated", template.isolated.astype("<i8", copy=False), "1", "vertex"),
         json_text("texts", {"reason": template.reason, "notes": template.notes}),
     ]
@@ -367,9 +378,8 @@ def template_to_hdf5(template: Template) -> bytes:
         first = template.representatives.astype("<i8", copy=False)
         datasets.append(Dataset("representatives", first, "1", "vertex"))
     if template.landmarks is not None:
-        datasets += landmark_datasets(template.landmarks, length)
-    topology = MESH if template.surface is None else template.surface.name
-    return FORM.image({"template_id": template.id}, datasets, topology=topology)
+        datasets += landmark_datasets(template.landmarks, unit)
+    return datasets
 
 
 def template_from_hdf5(source: bytes | Path) -> Template:
@@ -390,10 +400,11 @@ def template_from_hdf5(source: bytes | Path) -> Template:
 def read_template(source: bytes | Path) -> tuple[Template, Contents]:
     """Read a template together with the contents of its file."""
     with FORM.read(source) as contents:
-        return _template(contents), contents
+        return template_in(contents), contents
 
 
-def _template(contents: Contents) -> Template:
+def template_in(contents: Contents, shape: str = "vertices") -> Template:
+    """Template that the contents of a file have; see `template_datasets`."""
     name = contents.text("topology")
     weights = contents.array("weights", (None,))
     texts = contents.json("texts", dict)
@@ -404,7 +415,7 @@ def _template(contents: Contents) -> Template:
         weights=weights,
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
         landmarks=landmarks_from(contents),
-        vertices=contents.array("vertices", (len(weights), 3)),
+        vertices=contents.array(shape, (len(weights), 3)),
         faces=contents.array("faces", (None, 3)),
         representatives=contents.array("representatives", (len(weights),))
         if "representatives" in contents.arrays

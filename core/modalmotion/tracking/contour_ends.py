@@ -19,9 +19,7 @@ from modalmotion.template import Template
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.ends_of_data import lies_evenly
 from modalmotion.tracking.moving_base import DESCENT, HELD, LENGTH, OFF_PATH, ends_of_cup
-from modalmotion.tracking.observation import Frame, Observation, ends_in
-
-Ints = Ints
+from modalmotion.tracking.observation import Frame, Observation, ends_in, marks_at, states_end
 
 # Points of a contour at least; triples of points that a plane is looked for by, and points that are
 # counted for each.
@@ -46,9 +44,8 @@ _OPEN: Final = 0.08
 _ACROSS: Final = 0.7
 _PARALLEL: Final = 0.985
 
-# Tangents: of the rim against slices, and of that in one frame against another.
+# Tangent of the rim against slices.
 _LEAN: Final = 0.3
-_SWAY: Final = 0.1
 
 # Steps that an arc goes on beyond its last point, and their deviation where a base that is stated
 # shows them.
@@ -62,10 +59,20 @@ _TURNS: Final = 3
 
 
 class _Planes(NamedTuple):
-    """Planes n . x = d, n towards the base where they are across the axis."""
+    """Planes n . x = d, n towards the base where they are across the axis.
+
+    `stack` is the largest stack of parallel slices across the axis, by height; none of one or two.
+    """
 
     normals: Floats
     offsets: Floats
+    stack: Ints
+
+    @property
+    def normal(self) -> Floats:
+        """That of the stack, (3,)."""
+        own: Floats = self.normals[self.stack[0]]
+        return own
 
 
 class _Contour(NamedTuple):
@@ -97,7 +104,7 @@ def with_contour_ends(
     -------
     tuple of Frame
         With points of the rim beyond the ends of open arcs, as `end="base"`, by half a step or as
-        far as the reference shows, and the levels of base and apex along the normal of a stack of
+        far as the reference shows, and the level of the base along the normal of a stack of
         slices, as landmarks. Frames that state an end keep to that, and all are as they were where
         points are not in planes that stay.
     dict of str to (frames, frames) float64, length unit squared
@@ -108,7 +115,7 @@ def with_contour_ends(
         return tuple(frames), {}
     tip, base = ends_of_axis
     axis = (base - tip) / np.linalg.norm(base - tip)
-    planes = _Planes(np.zeros((0, 3)), np.zeros(0))
+    planes = _planes_of(np.zeros((0, 3)), axis, 0.0)
     drawn: dict[int, dict[int, _Contour]] = {}
     for k in [reference, *(k for k in range(len(frames)) if k != reference)]:
         even = [part.points for part in frames[k] if lies_evenly(part)]
@@ -127,23 +134,20 @@ def with_contour_ends(
             int(i): _contour(points[is_on[:, i]], planes.normals[i])
             for i in np.flatnonzero(counts >= _FEWEST)
         }
-    stack = _stack(planes, axis)
-    beyond = _beyond(frames[reference], drawn.get(reference, {}), planes, stack)
-    ends = {k: _ends_of(own, planes, stack, beyond) for k, own in drawn.items()}
+    beyond = _beyond(frames[reference], drawn.get(reference, {}), planes)
+    ends = {k: _ends_of(own, planes, beyond) for k, own in drawn.items()}
     full, covariance = list(frames), np.zeros((0, 0))
     levels: dict[int, Observation] = {}
-    if len(stack):
-        levels, covariance = _levels(frames, drawn, ends, planes, stack, ends_of_axis)
+    if len(planes.stack):
+        levels, covariance = _levels(frames, drawn, ends, planes, ends_of_axis)
     for k, own in ends.items():
         # However close slices are, that none is beyond the last one shows no end of a cloud.
         full[k] = tuple(
             replace(part, weights=np.ones(len(part))) if lies_evenly(part) else part
             for part in full[k]
         )
-        if not any(p.end == "base" or "base" in (p.places or ()) for p in frames[k]):
+        if not states_end(frames[k], "base"):
             full[k] = (*full[k], *own, *([levels[k]] if k in levels else ()))
-    for k, level in _tips(frames, drawn, planes, stack).items():
-        full[k] = (*full[k], level)
     return tuple(full), {"base": covariance} if covariance.any() else {}
 
 
@@ -185,7 +189,10 @@ def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
         normals.append(normal)
         offsets.append(own.mean(axis=0) @ normal)
         left = left[~kept]
-    return _Planes(np.array(normals).reshape(-1, 3), np.array(offsets))
+    n, d = np.array(normals).reshape(-1, 3), np.array(offsets)
+    alike = (n @ n.T > _PARALLEL) & (n @ axis > _ACROSS) & (n @ axis > _ACROSS)[:, None]
+    stack = np.flatnonzero(alike[int(alike.sum(axis=1).argmax())]) if len(n) else np.arange(0)
+    return _Planes(n, d, stack[np.argsort(d[stack])] if len(stack) > 2 else stack[:0])
 
 
 def _contour(points: Floats, normal: Floats) -> _Contour:
@@ -202,49 +209,31 @@ def _contour(points: Floats, normal: Floats) -> _Contour:
     return _Contour(arc, arc[[0, -1]], ways, step)
 
 
-def _stack(planes: _Planes, axis: Floats) -> Ints:
-    """Take the largest stack of parallel slices across the axis, by height; none of one or two."""
-    are_across = planes.normals @ axis > _ACROSS
-    alike = (planes.normals @ planes.normals.T > _PARALLEL) & are_across & are_across[:, None]
-    if not alike.any():
-        return np.zeros(0, dtype=np.int64)
-    own = np.flatnonzero(alike[int(alike.sum(axis=1).argmax())])
-    return own[np.argsort(planes.offsets[own])] if len(own) > 2 else own[:0]
-
-
-def _beyond(
-    frame: Frame, contours: dict[int, _Contour], planes: _Planes, stack: Ints
-) -> tuple[float, float]:
+def _beyond(frame: Frame, contours: dict[int, _Contour], planes: _Planes) -> tuple[float, float]:
     """Find how many steps beyond the last points of arcs along the axis the rim of a frame is.
 
     A point may represent half a step on either side, be on the rim, or end early: where the base
     is stated, that shows it. The rim is taken as a plane. The second is the deviation of an arc.
     """
-    arcs = [one for i, one in contours.items() if i not in stack and len(one.ends)]
-    marks = [
-        point
-        for part in frame
-        for row, point in enumerate(part.points)
-        if part.end == "base" or (part.places and part.places[row] == "base")
-    ]
-    if not arcs or not marks or not len(stack):
+    arcs = [one for i, one in contours.items() if i not in planes.stack and len(one.ends)]
+    marks = marks_at(frame, "base")
+    if not arcs or not marks or not len(planes.stack):
         return _BEYOND[0], 0.5
-    normal = planes.normals[stack[0]]
     ends = np.concatenate([one.ends for one in arcs])
-    kept = _are_above(ends, contours, planes, stack)
-    away = (ends - np.mean(marks, axis=0))[kept]
-    steps = np.concatenate([one.step * one.ways @ normal for one in arcs])[kept]
-    flat = away @ across(normal).T
+    kept = _are_above(ends, contours, planes)
+    away = (ends - np.mean([point for point, _ in marks], axis=0))[kept]
+    steps = np.concatenate([one.step * one.ways @ planes.normal for one in arcs])[kept]
+    flat = away @ across(planes.normal).T
     uneven = _UNEVEN * float((flat**2).sum(axis=1).mean()) ** 0.5 if kept.any() else 1.0
     by_itself = np.diag([1.0 / _BEYOND[1], 1.0 / _LEAN, 1.0 / _LEAN])
     rows = np.concatenate([np.column_stack([steps, -flat]) / uneven, by_itself])
-    values = np.append(-away @ normal / uneven, [_BEYOND[0] / _BEYOND[1], 0.0, 0.0])
+    values = np.append(-away @ planes.normal / uneven, [_BEYOND[0] / _BEYOND[1], 0.0, 0.0])
     return float(np.linalg.lstsq(rows, values, rcond=None)[0][0]), 12**-0.5
 
 
-def _are_above(ends: Floats, contours: dict[int, _Contour], planes: _Planes, stack: Ints) -> Bools:
+def _are_above(ends: Floats, contours: dict[int, _Contour], planes: _Planes) -> Bools:
     """Return which ends are above all closed slices: a gap below one is not the opening."""
-    closed = [i for i in stack if i in contours and not len(contours[i].ends)]
+    closed = [i for i in planes.stack if i in contours and not len(contours[i].ends)]
     if not closed:
         return np.ones(len(ends), dtype=bool)
     above: Bools = ends @ planes.normals[closed[-1]] > planes.offsets[closed[-1]]
@@ -252,23 +241,22 @@ def _are_above(ends: Floats, contours: dict[int, _Contour], planes: _Planes, sta
 
 
 def _ends_of(
-    contours: dict[int, _Contour],
-    planes: _Planes,
-    stack: Ints,
-    beyond: tuple[float, float],
+    contours: dict[int, _Contour], planes: _Planes, beyond: tuple[float, float]
 ) -> list[Observation]:
     """Find points of the rim in one frame, so many steps beyond the ends of arcs along the axis."""
     found = []
     for is_across in (True, False):
-        own = [one for i, one in contours.items() if (i in stack) == is_across and len(one.ends)]
+        own = [
+            one for i, one in contours.items() if (i in planes.stack) == is_across and len(one.ends)
+        ]
         steps, sd = (0.5, 0.25) if is_across else beyond
         far = [one.ends + steps * one.step * one.ways for one in own]
         ends = np.concatenate([np.zeros((0, 3)), *far])
-        ends = ends[_are_above(ends, contours, planes, stack)]
+        ends = ends[_are_above(ends, contours, planes)]
         if not len(ends):
             continue
         step = float(np.median([one.step for one in own]))
-        normals = np.tile(planes.normals[stack[0]], (len(ends), 1)) if is_across else None
+        normals = np.tile(planes.normal, (len(ends), 1)) if is_across else None
         found.append(Observation(ends, sd=sd * step, normals=normals, end="base"))
     return found
 
@@ -278,14 +266,13 @@ def _levels(
     drawn: dict[int, dict[int, _Contour]],
     ends: dict[int, list[Observation]],
     planes: _Planes,
-    stack: Ints,
     ends_of_axis: tuple[Floats, Floats],
 ) -> tuple[dict[int, Observation], Floats]:
     """Find how high the middle of the rim is in each frame.
 
-    The rim is taken as a plane that leans alike in all frames, but for some degrees. Ends of arcs
-    are on it, and stated bases in its middle. Where no arc crosses it, it is between the last
-    slice with a contour and the next; by how much not in the middle, all frames have in common.
+    The rim is taken as a plane that leans alike in all frames. Ends of arcs are on it, and stated
+    bases in its middle. Where no arc crosses it, it is between the last slice with a contour and
+    the next; by how much not in the middle, all frames have in common.
     All are near H - c E, E being the percentage of the volume ejected: see `base_by_volume`.
 
     Returns
@@ -294,21 +281,27 @@ def _levels(
     (frames, frames) float64, length unit squared
         Covariance of levels that are between slices. Others have none.
     """
-    normal, heights = planes.normals[stack[0]], planes.offsets[stack]
+    normal, stack, heights = planes.normal, planes.stack, planes.offsets[planes.stack]
     spacing = float(np.median(np.diff(heights)))
     aside = across(normal)
     tip, base = ends_of_axis
     unit = float(np.linalg.norm(base - tip)) / LENGTH
     numbers = [k for k, own in drawn.items() if any(plane in own for plane in stack)]
-    n = 3 * len(numbers) + 5
-    by_itself = np.array([_LEAN, _LEAN, spacing / 4.0, unit * DESCENT[1]])
-    rows, values = [np.eye(n)[-5:-1] / by_itself[:, None]], [np.zeros(4)]
-    values[0][-1] = DESCENT[0] / DESCENT[1]
+    m = len(numbers)
+    n, leans, beyond, descent, highest = m + 5, [m, m + 1], m + 2, m + 3, m + 4
+    rows: list[Floats] = []
+    values: list[float] = []
 
-    def add(row: Floats, value: float, sd: float) -> None:
-        rows.append(row[None] / sd)
-        values.append(np.array([value / sd]))
+    def add(columns: list[int], factors: Sequence[float] | Floats, value: float, sd: float) -> None:
+        row = np.zeros(n)
+        row[columns] = factors
+        rows.append(row / sd)
+        values.append(value / sd)
 
+    for lean in leans:
+        add([lean], [1.0], 0.0, _LEAN)
+    add([beyond], [1.0], 0.0, spacing / 4.0)
+    add([descent], [1.0], unit * DESCENT[0], unit * DESCENT[1])
     middles, between = {}, []
     for i, k in enumerate(numbers):
         own = drawn[k]
@@ -317,48 +310,33 @@ def _levels(
         around = (closed or [own[stack[last]]])[-1].points
         middles[k] = middle = around.mean(axis=0)
         uneven = _UNEVEN * float(((around - middle) ** 2).sum(axis=1).mean()) ** 0.5
-        marks = [
-            (point, 0.0 if part.sd is None else float(np.mean(part.sd)))
-            for part in (*frames[k], *ends[k])
-            for row, point in enumerate(part.points)
-            if part.end == "base" or (part.places and part.places[row] == "base")
-        ]
+        marks = marks_at((*frames[k], *ends[k]), "base")
         for point, sd in marks:
-            row = np.zeros(n)
-            row[3 * i : 3 * i + 3] = 1.0, *(aside @ (point - middle))
-            add(row, point @ normal, float(np.hypot(sd, uneven)))
-        for j in (0, 1):
-            row = np.zeros(n)
-            row[[3 * i + 1 + j, n - 5 + j]] = 1.0, -1.0
-            add(row, 0.0, _SWAY)
+            factors = [1.0, *(aside @ (point - middle))]
+            add([i, *leans], factors, float(point @ normal), float(np.hypot(sd, uneven)))
         if not ends[k]:
             high = heights[last + 1] if last + 1 < len(heights) else heights[last] + spacing
-            row = np.zeros(n)
-            row[[3 * i, n - 3]] = 1.0, -1.0
-            add(row, (high + heights[last]) / 2.0, (high - heights[last]) / 12**0.5)
+            low, wide = heights[last], high - heights[last]
+            add([i, beyond], [1.0, -1.0], (high + low) / 2.0, wide / 12**0.5)
         if not marks:
             between.append(i)
     n_free, ejected = len(rows), np.zeros(len(numbers))
     for _ in range(_TURNS):
         del rows[n_free:], values[n_free:]
         for i, percent in enumerate(ejected):
-            row = np.zeros(n)
-            row[[3 * i, n - 2, n - 1]] = 1.0, percent, -1.0
-            add(row, 0.0, unit * OFF_PATH)
-        matrix, vector = np.concatenate(rows), np.concatenate(values)
+            add([i, descent, highest], [1.0, percent, -1.0], 0.0, unit * OFF_PATH)
+        matrix = np.stack(rows)
         covariance = np.linalg.pinv(matrix.T @ matrix)
-        found = covariance @ (matrix.T @ vector)
+        found = covariance @ (matrix.T @ np.array(values))
+        low = float(tip @ normal)
         volumes = np.array(
-            [
-                _volume(drawn[k], planes, stack, float(tip @ normal), found[3 * i])
-                for i, k in enumerate(numbers)
-            ]
+            [_volume(drawn[k], planes, low, found[i]) for i, k in enumerate(numbers)]
         )
         ejected = 100.0 * (1.0 - volumes / volumes.max())
-    of_levels = covariance[: n - 5 : 3, : n - 5 : 3]
+    of_levels = covariance[:m, :m]
     levels, stated = {}, np.zeros((len(frames), len(frames)))
     for i, k in enumerate(numbers):
-        place = middles[k] + (found[3 * i] - middles[k] @ normal) * normal
+        place = middles[k] + (found[i] - middles[k] @ normal) * normal
         # What levels of frames have in common counts once, and not once a frame.
         sd = max(of_levels[i].sum(), of_levels[i, i]) ** 0.5
         if i in between:
@@ -368,56 +346,12 @@ def _levels(
     return levels, stated
 
 
-def _volume(
-    own: dict[int, _Contour], planes: _Planes, stack: Ints, tip: float, level: float
-) -> float:
+def _volume(own: dict[int, _Contour], planes: _Planes, tip: float, level: float) -> float:
     """Volume within the contours of one frame up to a level: near its tip a paraboloid."""
-    kept = [plane for plane in stack if plane in own]
-    heights, normal = planes.offsets[kept], planes.normals[stack[0]]
-    flat = [across(normal) @ own[plane].points.T for plane in kept]
+    kept = [plane for plane in planes.stack if plane in own]
+    heights = planes.offsets[kept]
+    flat = [across(planes.normal) @ own[plane].points.T for plane in kept]
     areas = np.array([abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())) for x, y in flat])
     areas /= 2.0
     ends = areas[0] * (heights[0] - tip) / 2.0 + areas[-1] * (level - heights[-1])
     return float(np.trapezoid(areas, heights) + ends)
-
-
-def _tips(
-    frames: Sequence[Frame], drawn: dict[int, dict[int, _Contour]], planes: _Planes, stack: Ints
-) -> dict[int, Observation]:
-    """Take the level of the apex between the first slice with a contour and the one before.
-
-    Small sections are not drawn, so that it may be farther off, in all frames alike: by how much is
-    known where it is stated. Contours along the axis show it better.
-    """
-    if not len(stack) or any(set(own) - set(stack.tolist()) for own in drawn.values()):
-        return {}
-    normal, heights = planes.normals[stack[0]], planes.offsets[stack]
-    spacing = float(np.median(np.diff(heights)))
-    found, off = {}, []
-    for k, own in drawn.items():
-        first = min((j for j, plane in enumerate(stack) if plane in own), default=0)
-        before = heights[first - 1] if first else heights[0] - spacing
-        level, sd = (heights[first] + before) / 2.0, (heights[first] - before) / 12**0.5
-        stated = [
-            point @ normal - level
-            for part in frames[k]
-            for place, point in zip(part.places or (), part.points, strict=False)
-            if place == "apex"
-        ]
-        off += stated
-        if not stated and stack[first] in own:
-            place = own[stack[first]].points.mean(axis=0)
-            found[k] = place + (level - place @ normal) * normal, sd
-    # Prior s, and s / 12^1/2 of each statement.
-    share = 12.0 * len(off) / (12.0 * len(off) + 1.0)
-    offset = share * float(np.mean(off)) if off else 0.0
-    left = spacing**2 * (1.0 - share)
-    return {
-        k: Observation(
-            (place + offset * normal)[None],
-            sd=(sd**2 + left) ** 0.5,
-            normals=normal[None],
-            places=("apex",),
-        )
-        for k, (place, sd) in found.items()
-    }

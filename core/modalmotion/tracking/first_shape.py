@@ -24,7 +24,7 @@ from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.deformable import Deformable, require_unfolded
-from modalmotion.tracking.iterations import evidence, first_guess, map_frame
+from modalmotion.tracking.map_frames import evidence, first_guess, map_frame
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import across_covariance
 from modalmotion.tracking.observation import Frame, ends_in
@@ -162,6 +162,8 @@ _SHAPE_ROUNDS: Final = 4
 _THIN: Final = 1e-3
 _SHEET: Final = 0.02
 
+_FEWEST: Final = 4
+
 # Squares of squares of smaller lengths are zero.
 _LEAST_SPREAD: Final = 1e-60
 
@@ -210,20 +212,7 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     if topology is None:
         topology = CUP if {"apex", "base"} <= set(places) else SPHERE
     points = [part.points for part in frame if not part.is_landmark]
-    cloud = np.concatenate(points) if points else np.zeros((0, 3))
-    if len(cloud) < 4:
-        raise ShapeError(
-            f"Frame {number}, which the shape is taken from, has {len(cloud)} points.",
-            remedy="Name a reference frame with more points, or give a surface as start.",
-            frame=number,
-        )
-    if not np.ptp(cloud, axis=0).max() > _LEAST_SPREAD:
-        raise ShapeError(
-            f"The points of frame {number}, which the shape is taken from, are in one place.",
-            remedy="Name a reference frame whose points are on the surface, or give a surface as "
-            "start.",
-            frame=number,
-        )
+    cloud = np.concatenate([np.zeros((0, 3)), *points])
     _require_extent(cloud, number, topology)
     rough = start_shape(topology, cloud, places)
     surface = Deformable.of(make_template(rough), _SHAPE_MODES)
@@ -232,7 +221,7 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     for _ in range(_SHAPE_ROUNDS):
         own = map_frame(surface, frame, a, prior.variances(surface.wavenumbers), noise)
         a = own.amplitudes
-        prior, noise = evidence(surface, [own], prior)
+        prior, noise, _ = evidence(surface, [own], prior)
     shape = surface.positions(a)
     require_unfolded(surface, shape[None])
     fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)
@@ -242,22 +231,24 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
 
 def _require_extent(cloud: Floats, number: int, topology: Topology) -> None:
     """Refuse points that no surface of the topology can be laid through."""
-    if topology.n_axes != 2:
+    is_surface, x = topology.n_axes == 2, cloud - cloud[:1]
+    size = np.abs(x).max(initial=0.0)
+    x = (x - x.mean(axis=0, keepdims=True)) / size if size > _LEAST_SPREAD else 0.0 * x
+    spreads = np.linalg.svd(x, compute_uv=False) if len(x) else np.zeros(3)
+    if len(cloud) < _FEWEST:
+        reason, remedy = f"has {len(cloud)} points", "with more points"
+    elif not size > _LEAST_SPREAD:
+        reason, remedy = "has its points in one place", "whose points are on the surface"
+    elif is_surface and spreads[1] < _THIN * spreads[0]:
+        reason = "has its points on a line"
+        remedy = "whose points are on the surface, state the topology open curve"
+    elif topology == SPHERE and spreads[2] < _SHEET * spreads[0]:
+        reason = "has its points in a plane, where no closed surface is"
+        remedy = "whose points are on the surface, state the topology plane or closed curve"
+    else:
         return
-    x = cloud - cloud.mean(axis=0)
-    spreads = np.linalg.svd(x / np.abs(x).max(), compute_uv=False)
-    if spreads[1] < _THIN * spreads[0]:
-        raise ShapeError(
-            f"The points of frame {number}, which the shape is taken from, are on a line.",
-            remedy="Name a reference frame whose points are on the surface, give a surface as "
-            "start, or state the topology open curve.",
-            frame=number,
-        )
-    if topology == SPHERE and spreads[2] < _SHEET * spreads[0]:
-        raise ShapeError(
-            f"The points of frame {number}, which the shape is taken from, are in a plane, where "
-            "no closed surface is.",
-            remedy="State the topology plane or closed curve, name another reference frame, or "
-            "give a surface as start.",
-            frame=number,
-        )
+    raise ShapeError(
+        f"Frame {number}, which the shape is taken from, {reason}.",
+        remedy=f"Name a reference frame {remedy}, or give a surface as start.",
+        frame=number,
+    )

@@ -11,15 +11,13 @@ import numpy as np
 
 from modalmotion.errors import StoreError
 from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, form_of, json_text
-from modalmotion.mesh import facts_as_json, facts_from_json
-from modalmotion.mesh.sequence import TRACK, mesh_sequence
+from modalmotion.mesh.sequence import TRACK, sequence_datasets, sequence_in
 from modalmotion.modes import ModeSet
-from modalmotion.modes.topology import Topology
 from modalmotion.notes import notes_from_json
 from modalmotion.template.body_frame import affine_shapes
-from modalmotion.template.template import Template, landmark_datasets, landmarks_from, shapes_of
-from modalmotion.tracking.deviations import uncertainty_of
+from modalmotion.template.template import shapes_of, template_datasets, template_in
 from modalmotion.tracking.noise import Noise, Prior
+from modalmotion.tracking.quality_checks import uncertainty_of
 from modalmotion.tracking.result import ImageAnswer, SampledData, Track
 
 FORM: Final = TRACK
@@ -34,14 +32,10 @@ _TRACK: Final = {
     "inliers": (0, "frame"),
     "coverage": (0, "frame"),
 }
-_TEMPLATE: Final = {
-    "vertices": (1, "vertex, direction"),
-    "coordinates": (0, "vertex, axis"),
-    "weights": (0, "vertex"),
-    "representatives": (0, "vertex"),
-    "isolated": (0, "isolated vertex"),
-    "faces": (0, "face, corner"),
-}
+
+# Name of the template's vertices: "vertices" are those of the frames.
+_SHAPE: Final = "reference_vertices"
+
 _MODES: Final = {"wavenumbers": (0, "mode, axis"), "is_sine": (0, "mode")}
 _DATA: Final = {
     "points": (1, "point, direction"),
@@ -50,8 +44,6 @@ _DATA: Final = {
     "counts": (0, "frame"),
 }
 
-# Names of files where those of attributes are taken.
-_RENAMED: Final = {"vertices": "reference_vertices"}
 _SIZES: Final = {"direction": 3, "corner": 3, "normal and tangential": 2, "rms and p95": 2}
 
 
@@ -65,7 +57,7 @@ def _written(
         kind = {"b": "u1", "i": "<i8"}.get(array.dtype.kind)
         units = {0: "1", 1: unit}.get(power, f"{unit}^{power}")
         array = array if kind is None else array.astype(kind, copy=False)
-        made.append(Dataset(prefix + _RENAMED.get(name, name), array, units, axes))
+        made.append(Dataset(prefix + name, array, units, axes))
     return made
 
 
@@ -78,7 +70,7 @@ def _read(
     """Arrays of a table, of the shapes that their axes say."""
     return {
         name: contents.array(
-            prefix + _RENAMED.get(name, name),
+            prefix + name,
             tuple({**_SIZES, **sizes}.get(axis) for axis in axes.split(", ")),
         )
         for name, (_, axes) in table.items()
@@ -101,25 +93,18 @@ def track_to_hdf5(track: Track) -> bytes:
     unit = sequence.unit or UNKNOWN
     across = track.covariances if known is None else known.across
     datasets = [
-        Dataset("vertices", sequence.vertices, unit, "frame, vertex, direction"),
+        *sequence_datasets(sequence),
+        *template_datasets(template, unit, _SHAPE),
         *_written(track, _TRACK, unit),
-        *_written(template, _TEMPLATE, unit),
         *_written(track.modes, _MODES, unit),
         *([] if track.data is None else _written(track.data, _DATA, unit, "data_")),
         Dataset("across_covariances", across, f"{unit}^2", _TRACK["covariances"][1]),
         Dataset("determined", track.determined, "1", "mode, normal and tangential"),
         Dataset("unseen", np.array(track.unseen, dtype="<i8"), "1", "frame"),
-        Dataset("lengths", np.array(template.lengths, dtype=np.float64), unit, "axis"),
         json_text("estimate", _estimate(track)),
-        json_text("facts", facts_as_json(sequence.facts)),
         json_text("notes", track.notes),
-        json_text("template_notes", template.notes),
         json_text("provenance", dict(track.provenance)),
     ]
-    if template.landmarks is not None:
-        datasets += landmark_datasets(template.landmarks, unit)
-    if sequence.times is not None:
-        datasets.append(Dataset("times", sequence.times, "s", "frame"))
     if track.volumes is not None and track.volume_deviations is not None:
         datasets.append(Dataset("volumes", track.volumes, f"{unit}^3", "frame"))
         datasets.append(Dataset("volume_deviations", track.volume_deviations, f"{unit}^3", "frame"))
@@ -156,7 +141,7 @@ def read_track(source: bytes | Path) -> tuple[Track, Contents]:
         As in `Form.read`.
     """
     with FORM.read(source) as contents:
-        return track_in(contents), contents
+        return _track_in(contents), contents
 
 
 def kept_track(source: Path) -> Track | None:
@@ -195,29 +180,12 @@ def _estimate(track: Track) -> dict[str, object]:
     }
 
 
-def track_in(contents: Contents) -> Track:
+def _track_in(contents: Contents) -> Track:
     """Read the track that the contents of a file hold."""
-    topology = Topology.parse(contents.text("topology"))
-    f, m, _ = contents.array("amplitudes", (None, None, 3)).shape
-    v = len(contents.array("weights", (None,)))
+    sequence, template = sequence_in(contents), template_in(contents, _SHAPE)
+    (f, v, _), m = sequence.vertices.shape, len(contents.array("wavenumbers", (None, None)))
+    topology = template.topology
     sizes = {"frame": f, "mode": m, "vertex": v, "axis": topology.n_axes, "mode direction": 3 * m}
-    template = Template(
-        **_read(contents, _TEMPLATE, sizes),
-        id=contents.text("template_id"),
-        surface=topology,
-        lengths=tuple(contents.array("lengths", (None,)).tolist()),
-        landmarks=landmarks_from(contents),
-        reason="",
-        notes=notes_from_json(contents.json("template_notes", list)),
-    )
-    sequence = mesh_sequence(
-        contents.array("vertices", (f, v, 3)),
-        template.faces,
-        grid=contents.attributes.get("grid"),
-        topology=topology,
-        times=contents.arrays.get("times"),
-        unit=contents.unit,
-    )
     estimate = contents.json("estimate", dict)
     has_volumes = "volume_deviations" in contents.arrays
     found = _read(contents, _MODES, sizes)
@@ -235,7 +203,7 @@ def track_in(contents: Contents) -> Track:
     sequence = replace(sequence, uncertainty=uncertainty)
     track = Track(
         **arrays,
-        sequence=sequence.with_facts(facts_from_json(contents.json("facts", dict))),
+        sequence=sequence,
         template=template,
         modes=modes,
         prior=Prior(**estimate["prior"]),

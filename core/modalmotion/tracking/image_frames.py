@@ -38,14 +38,14 @@ from modalmotion.tracking.image_view import (
     renewed,
     view_of,
 )
-from modalmotion.tracking.iterations import (
+from modalmotion.tracking.landmarks import Proposed, with_landmarks
+from modalmotion.tracking.map_frames import (
     FrameEstimate,
     evidence,
     first_guess,
     map_frame,
     paths_from,
 )
-from modalmotion.tracking.landmarks import Proposed, with_landmarks
 from modalmotion.tracking.moving_base import HELD, base_by_volume, ends_of_cup
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
@@ -222,7 +222,7 @@ def search(
         change = float(np.linalg.norm(own.amplitudes - a))
         a = own.amplitudes
         if not is_known and step:
-            prior, noise = evidence(surface, [own], prior)
+            prior, noise, _ = evidence(surface, [own], prior)
             imaging = renewed(imaging, view)
         if change < _SMALL:
             break

@@ -65,27 +65,35 @@ def landmarks_from_json(text: str) -> dict[str, Floats]:
 
 
 def places_of(name: str, value: Any) -> Floats:
-    """Check the places of one landmark: [x, y, z], or a list of these and of nulls.
+    """Check the places of one landmark.
+
+    Parameters
+    ----------
+    name : str
+    value : array_like
+        One place (3,), or one for each frame, (frames, 3), with None or NaN where it is unknown.
 
     Raises
     ------
     ParameterError
         If they are not finite numbers; it names the landmark and the frame.
     """
-    is_list = isinstance(value, list) and any(isinstance(p, list) or p is None for p in value)
-    if not is_list:
-        return _place(name, None, value)
-    return np.stack([_NOWHERE if p is None else _place(name, k, p) for k, p in enumerate(value)])
-
-
-_NOWHERE: Final = np.full(3, np.nan)
-_LARGEST: Final = 1e300
+    each = list(value) if isinstance(value, list | tuple | np.ndarray) else []
+    if any(one is None or isinstance(one, list | tuple | np.ndarray) for one in each):
+        return np.stack([_place(name, k, one) for k, one in enumerate(each)])
+    return _place(name, None, each)
 
 
 def _place(name: str, frame: int | None, value: Any) -> Floats:
-    is_list = isinstance(value, list) and len(value) == 3
-    if is_list and all(type(x) in (int, float) and abs(x) < _LARGEST for x in value):
-        return np.array(value, dtype=np.float64)
+    numbers = [np.nan] * 3 if value is None else value
+    try:
+        place = np.array(numbers).astype(np.float64, casting="same_kind")
+    except (TypeError, ValueError):
+        place = np.zeros(0)
+    is_unknown = frame is not None and np.isnan(place).all()
+    is_number = not any(isinstance(x, bool) for x in numbers)
+    if place.shape == (3,) and is_number and (is_unknown or np.isfinite(place).all()):
+        return place
     where = "" if frame is None else f" in frame {frame}"
     raise ParameterError(
         f"The landmark '{name[:64]}' is not three finite numbers{where}.",
@@ -264,24 +272,6 @@ def _malformed(reason: str) -> MalformedFileError:
     return MalformedFileError(f"It is not a file of landmarks ({reason}).", remedy=_FILE_REMEDY)
 
 
-def as_places(name: str, value: Any) -> Floats:
-    """Take the place of a landmark, or its places, as an array of any shape.
-
-    Raises
-    ------
-    ParameterError
-        If they are not numbers.
-    """
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f"The landmark '{name}' is {repr(value)[:80]}, not numbers.",
-            remedy="Give one place (x, y, z), or one for each frame with NaN if it is unknown.",
-            details={"landmark": name},
-        ) from None
-
-
 def with_landmarks(
     frames: tuple[Frame, ...],
     landmarks: Mapping[str, Any] | None,
@@ -293,13 +283,11 @@ def with_landmarks(
     `sd` is the deviation of those that state none, length unit; None is that of the points.
     """
     full = list(frames)
-    points = [part.points for frame in frames for part in frame if len(part)]
-    box = np.concatenate(points) if points else np.zeros((0, 3))
-    corners = (box.min(axis=0), box.max(axis=0)) if len(box) else None
+    points = np.concatenate([np.zeros((0, 3)), *(p.points for frame in frames for p in frame)])
     for name, value in (landmarks or {}).items():
         proposed = value if isinstance(value, Proposed) else None
         own_sd = sd if proposed is None else proposed.sd
-        places = as_places(name, value if proposed is None else proposed.places)
+        places = places_of(name, value if proposed is None else proposed.places)
         if name not in NAMED_PLACES:
             raise ParameterError(
                 f"The landmark '{name}' has no meaning.",
@@ -307,8 +295,8 @@ def with_landmarks(
                 details={"landmark": name},
             )
         if places.shape == (3,):
-            place, places = places, np.full((len(frames), 3), np.nan)
-            places[reference] = place
+            is_there = np.arange(len(frames)) == reference
+            places = np.where(is_there[:, None], places, np.nan)
         if places.shape != (len(frames), 3):
             raise ShapeError(
                 f"The landmark '{name}' has the shape {places.shape}; there are {len(frames)} "
@@ -317,8 +305,7 @@ def with_landmarks(
                 details={"landmark": name},
             )
         for k in np.flatnonzero(np.isfinite(places).all(axis=1)).tolist():
-            if corners is not None:
-                _require_near(name, k, places[k], *corners)
+            _require_near(name, k, places[k], points)
             full[k] = (*full[k], Observation(places[k, None], sd=own_sd, places=(name,)))
             if proposed is not None and proposed.normals is not None:
                 across, limit = proposed.normals[k, None], proposed.normal_sd
@@ -327,8 +314,11 @@ def with_landmarks(
     return tuple(full)
 
 
-def _require_near(name: str, frame: int, place: Floats, low: Floats, high: Floats) -> None:
+def _require_near(name: str, frame: int, place: Floats, points: Floats) -> None:
     """Refuse a landmark farther from the points than they spread: it is in other coordinates."""
+    if not len(points):
+        return
+    low, high = points.min(axis=0), points.max(axis=0)
     outside = float(np.linalg.norm(np.maximum(np.maximum(low - place, place - high), 0.0)))
     spread = float(np.linalg.norm(high - low))
     if outside > spread > 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple, TypeAlias
@@ -18,27 +19,33 @@ from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.contour_ends import with_contour_ends
 from modalmotion.tracking.deformable import Deformable, require_unfolded, require_volume
-from modalmotion.tracking.deviations import stated_deviations, uncertainty_of
 from modalmotion.tracking.ends_of_data import with_endings
 from modalmotion.tracking.first_shape import FirstShape, shape_in
 from modalmotion.tracking.image_frames import ImageFrames, frames_of_images, with_images
-from modalmotion.tracking.iterations import (
+from modalmotion.tracking.landmarks import with_landmarks
+from modalmotion.tracking.map_frames import (
+    FramesEstimate,
     Iteration,
     amplitudes_of,
+    chain_of,
     evidence,
     first_guess,
     frames_at_rest,
-    noises_of,
+    map_frames,
     paths_from,
-    steady,
 )
-from modalmotion.tracking.landmarks import with_landmarks
-from modalmotion.tracking.map_frames import Chain, FramesEstimate, chain_of, map_frames
 from modalmotion.tracking.moving_base import with_assumed_base, with_levels
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.observation import Frame, observed_frames
 from modalmotion.tracking.parameters import TrackParameters
-from modalmotion.tracking.quality_checks import axis_notes, end_notes, notes_on, quality_of
+from modalmotion.tracking.quality_checks import (
+    axis_notes,
+    end_notes,
+    notes_on,
+    quality_of,
+    stated_deviations,
+    uncertainty_of,
+)
 from modalmotion.tracking.reading import Recorded
 from modalmotion.tracking.result import Track, cavity_in, sample_of
 
@@ -81,9 +88,9 @@ def motion_in(
     frames = _with_ends_of_data(seen, surface, shape, ended)
     here, based, levels = _frame_by_frame(seen, surface, frames)
     likely = _most_likely(seen, surface, based, here)
-    chain, found = _all_frames(seen, surface, based, likely)
+    found = _all_frames(seen, surface, based, likely)
     vertices = _surfaces(surface, found)
-    result = _with_deviations(seen, surface, shape, chain, found, vertices, likely)
+    result = _with_deviations(seen, surface, shape, found, vertices, likely)
     # The base is assumed in frames without contours; those between slices are others.
     both = {name: between.get(name, 0.0) + own for name, own in levels.items()}
     return _with_notes(seen, result, frames, {**between, **both})
@@ -225,37 +232,29 @@ class _Likely(NamedTuple):
     here: Iteration
     prior: Prior
     noise: Noise
-    noises: list[Noise]
+    truncations: Floats
 
 
 def _most_likely(
     seen: _Seen, surface: Deformable, frames: tuple[Frame, ...], here: Iteration
 ) -> _Likely:
     """6. Prior and noise under which the frames are the most likely, and the frames once more."""
-    is_exact, (before, _) = seen.pinned is not None, first_guess(surface)
-    prior, noise = evidence(surface, here, before, is_exact=is_exact)
-    alike = steady(noises_of(surface, here, prior, noise), noise)
+    prior, noise, _ = evidence(surface, here, first_guess(surface)[0])
     starts = amplitudes_of(surface, here)
-    here = frames_at_rest(surface, frames, prior, alike, seen.paths, seen.done, starts)
-    prior, noise = evidence(surface, here, prior, is_exact=is_exact)
-    return _Likely(here, prior, noise, noises_of(surface, here, prior, noise))
+    here = frames_at_rest(surface, frames, prior, noise, seen.paths, seen.done, starts)
+    return _Likely(here, *evidence(surface, here, prior))
 
 
 def _all_frames(
     seen: _Seen, surface: Deformable, frames: tuple[Frame, ...], likely: _Likely
-) -> tuple[Chain, FramesEstimate]:
+) -> FramesEstimate:
     """7. The chain of time, and all frames at once."""
+    here, prior, noise, _ = likely
+    is_exact, is_closed = seen.pinned is not None, seen.is_closed
     chain = chain_of(
-        surface,
-        likely.here,
-        likely.prior,
-        seen.phases,
-        seen.first,
-        is_closed=seen.is_closed,
-        is_exact=seen.pinned is not None,
+        surface, here, prior, seen.phases, seen.first, is_closed=is_closed, is_exact=is_exact
     )
-    noise = steady(likely.noises, likely.noise)
-    return chain, map_frames(surface, frames, likely.here, chain, noise, seen.pinned, seen.done)
+    return map_frames(surface, frames, here, chain, noise, seen.pinned, seen.done)
 
 
 def _surfaces(surface: Deformable, found: FramesEstimate) -> Floats:
@@ -270,19 +269,18 @@ def _with_deviations(
     seen: _Seen,
     surface: Deformable,
     shape: FirstShape | None,
-    chain: Chain,
     found: FramesEstimate,
     vertices: Floats,
     likely: _Likely,
 ) -> Track:
     """9. How far they may be off."""
-    p, pinned, template, noise = seen.parameters, seen.pinned, surface.template, likely.noise
-    deviations, volume_deviations = stated_deviations(
-        surface, vertices, found, likely.noises, pinned, shape
-    )
-    truncations = np.array([own.truncation for own in likely.noises])
+    p, pinned, template = seen.parameters, seen.pinned, surface.template
+    _, _, noise, truncations = likely
     if pinned is not None:
         truncations[pinned] = 0.0
+    deviations, volume_deviations = stated_deviations(
+        surface, vertices, found, truncations, noise.n_values, pinned, shape
+    )
     quality = np.array([quality_of(surface, info) for info in found.information])
     sequence = mesh_sequence(
         vertices,
@@ -302,7 +300,7 @@ def _with_deviations(
         modes=surface.modes,
         amplitudes=found.amplitudes,
         covariances=found.lasting,
-        prior=chain.prior,
+        prior=found.prior,
         noise=noise,
         truncations=truncations,
         deviations=deviations,
@@ -397,12 +395,11 @@ def _require_reference(reference: int | None, n_frames: int) -> int:
 
 def _counted(progress: Reporter | None, n_steps: int) -> Callable[[], None]:
     """Step that reports itself; more than foreseen are not reported."""
-    count = 0
+    count = itertools.count(1)
 
     def done() -> None:
-        nonlocal count
-        count += 1
-        if progress is not None and count <= n_steps:
-            progress(Progress(count, n_steps))
+        k = next(count)
+        if progress is not None and k <= n_steps:
+            progress(Progress(k, n_steps))
 
     return done

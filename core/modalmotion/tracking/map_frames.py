@@ -1,4 +1,8 @@
-"""All frames estimated at once, joined by a chain of time, closed over a cycle or open.
+"""Frames estimated: each at rest by itself, then all at once, joined by a chain of time.
+
+a = argmin sum w (n . (y - x(a)))^2 / s^2 + a' K a: the place where the oscillators of (3), driven
+by the force that the data exert, come to rest. Gauss-Newton goes there in a few steps, each of
+which matches points and surface anew.
 
 Frames differ from the one that the shape is taken from by a motion whose harmonic h of the cycle is
 as stiff as (1 + (h / h0)^2)^2 - 1, as of a bent rod that nothing holds in its place; what this one
@@ -10,22 +14,188 @@ neighbours only, so the work grows as the number of frames.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Final, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.representation import Floats
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.iterations import LEAST, Iteration, amplitudes_of
-from modalmotion.tracking.noise import Noise, Prior
+from modalmotion.tracking.noise import Noise, Prior, Residuals, most_likely_prior, noise_of
 from modalmotion.tracking.normal_equations import (
     NormalEquations,
     across_covariance,
     normal_equations,
 )
 from modalmotion.tracking.observation import Frame
+
+_MOST_STEPS: Final = 12
+
+# A step of a tenth of the standard deviation in each amplitude, squared.
+_SMALL: Final = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEstimate:
+    """A frame at rest.
+
+    Parameters
+    ----------
+    amplitudes : (modes, 3) float64, length unit
+    information : NormalEquations
+        About the shape before the last step.
+    covariance : (3 modes, 3 modes) float64, length unit squared
+        (A + K)^-1.
+    """
+
+    amplitudes: Floats
+    information: NormalEquations
+    covariance: Floats
+
+
+def map_frame(
+    surface: Deformable,
+    frame: Frame,
+    start: Floats,
+    variances: Floats,
+    noise: Noise,
+    most_steps: int = _MOST_STEPS,
+) -> FrameEstimate:
+    """Find the equilibrium of one frame by Gauss-Newton.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frame : Frame
+    start : (modes, 3) float64, length unit
+    variances : (modes,) float64, length unit squared
+        K^-1.
+    noise : Noise
+    most_steps : int
+    """
+    stiffness = surface.stiffness(variances)
+    a = start
+    for _ in range(most_steps):
+        found = normal_equations(surface, a, frame, noise)
+        H = found.matrix + stiffness
+        inverse = inverse_of_cholesky(H)
+        new = (inverse.T @ (inverse @ found.vector[:, None])).reshape(-1, 3)
+        change = (new - a).ravel()
+        a = new
+        if float(change @ (H @ change[:, None])[:, 0]) <= _SMALL * len(change):
+            break
+    return FrameEstimate(a, found, gram(inverse))
+
+
+# Of the size: no prior is narrower. No noise is either: one point that fits exactly would weigh as
+# many digits more than the prior as there are.
+LEAST: Final = 1e-9
+_LEAST_NOISE: Final = 1e-6
+
+# Of the size: what points may be off the start by at first.
+_FIRST_NOISE: Final = 0.02
+
+
+Iteration: TypeAlias = list[FrameEstimate | None]
+"""All frames at rest, each by itself; None where nothing was observed."""
+
+
+def amplitudes_of(surface: Deformable, here: Iteration) -> Floats:
+    """Amplitudes, (frames, modes, 3); those of a missing frame are its neighbour's."""
+    full = np.zeros((len(here), len(surface), 3))
+    for k, own in enumerate(here):
+        full[k] = full[k - 1] if own is None else own.amplitudes
+    return full
+
+
+def frames_at_rest(
+    surface: Deformable,
+    frames: Sequence[Frame],
+    prior: Prior,
+    noise: Noise,
+    paths: Sequence[Sequence[int]],
+    done: Callable[[], None],
+    starts: Floats | None = None,
+) -> Iteration:
+    """Estimate frame after frame along paths that all go on from the first one.
+
+    Parameters
+    ----------
+    surface : Deformable
+    frames : sequence of Frame
+    prior : Prior
+    noise : Noise
+    paths : sequence of sequence of int
+        As of `paths_from`.
+    done : callable
+        Called after each frame.
+    starts : (frames, modes, 3) float64, length unit, optional
+        Where frames are; by default each is where the one before it on its path is.
+    """
+    variances = prior.variances(surface.wavenumbers)
+    found: Iteration = [None] * len(frames)
+    first = a = np.zeros((len(surface), 3))
+    for number, path in enumerate(paths):
+        for k in path:
+            if any(map(len, frames[k])):
+                start = a if starts is None else starts[k]
+                found[k] = own = map_frame(surface, frames[k], start, variances, noise)
+                a = own.amplitudes
+            done()
+        a = first = first if number else a
+    return found
+
+
+def paths_from(first: int, n: int, *, is_closed: bool) -> tuple[list[int], ...]:
+    """List the first frame, those after it, and those before; of a cycle half the way each."""
+    if not is_closed:
+        return [first], [*range(first + 1, n)], [*range(first - 1, -1, -1)]
+    half = n // 2
+    there = [(first + i) % n for i in range(1, half + 1)]
+    return [first], there, [(first - i) % n for i in range(1, n - half)]
+
+
+def evidence(
+    surface: Deformable, estimates: Sequence[FrameEstimate | None], prior: Prior
+) -> tuple[Prior, Noise, Floats]:
+    """Find the prior and the noise under which frames at rest are the most likely.
+
+    The third is the truncation of each frame; of missing ones that of all.
+    """
+    n = len(surface)
+    energies, determined = np.zeros(n), np.zeros(n)
+    v = prior.variances(surface.wavenumbers)
+    kept = [own for own in estimates if own is not None]
+    for own in kept:
+        energies += (own.amplitudes**2).sum(axis=1)
+        share = 1.0 - np.diag(own.covariance).reshape(-1, 3) / v[:, None]
+        determined += np.maximum(share, 0.0).sum(axis=1)
+    least = LEAST * surface.size
+    found = most_likely_prior(surface.wavenumbers, energies, determined, least)
+    _, n_values = found.beyond(surface.wavenumbers, surface.template.topology.n_axes)
+    left = [
+        Residuals(
+            own.information.points,
+            own.information.residuals,
+            own.information.weights,
+            # tr (A C): the amplitudes that the data have set.
+            float((own.information.matrix * own.covariance).sum()),
+        )
+        for own in kept
+    ]
+    noise, of_frames = noise_of(left, n_values, surface.template.topology.n_axes)
+    truncations = np.full(len(estimates), noise.truncation)
+    truncations[[estimate is not None for estimate in estimates]] = of_frames
+    return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size)), truncations
+
+
+def first_guess(surface: Deformable) -> tuple[Prior, Noise]:
+    """Prior and noise before anything was seen."""
+    prior = Prior.broad(surface.size)
+    beyond, n_values = prior.beyond(surface.wavenumbers, surface.template.topology.n_axes)
+    return prior, Noise(_FIRST_NOISE * surface.size, float(np.sqrt(beyond)), n_values)
+
 
 # Harmonics from which on motion is held down: that of a few frames, from which on others are tried,
 # the least of these, and how many.
@@ -63,17 +233,12 @@ def chain_precision(
     start = np.arange(n if is_closed and n > 2 else n - 1)
     end = (start + 1) % n
     gaps = np.diff(phases, append=phases[0] + 1.0)[: len(start)]
-    share, L = np.zeros(n), np.zeros((n, n))
-    np.add.at(share, start, gaps / 2)
-    np.add.at(share, end, gaps / 2)
     # L of springs 1 / gap between masses M of a frame's share of time.
-    np.add.at(L, (start, start), 1.0 / gaps)
-    np.add.at(L, (end, end), 1.0 / gaps)
-    np.add.at(L, (start, end), -1.0 / gaps)
-    np.add.at(L, (end, start), -1.0 / gaps)
-    L /= (2.0 * np.pi * h0) ** 2
+    springs = np.eye(n)[end] - np.eye(n)[start]
+    share = np.abs(springs).T @ gaps / 2.0
+    L = springs.T @ (springs / gaps[:, None]) / (2.0 * np.pi * h0) ** 2
     # (M + L) M^-1 (M + L) - M.
-    Q = 2.0 * L + ((L / share) @ L)
+    Q: Floats = 2.0 * L + ((L / share) @ L)
     Q = (Q + Q.T) / 2
     others = np.delete(np.arange(n), anchor)
     inverse = inverse_of_cholesky(Q[np.ix_(others, others)])
@@ -153,13 +318,6 @@ _PINNED: Final = 1e8
 _LEAST_OFFSET: Final = 1e-3
 
 
-class Chain(NamedTuple):
-    """Frames joined by time: their precision (frames, frames), and the prior."""
-
-    Q: Floats
-    prior: Prior
-
-
 def chain_of(
     surface: Deformable,
     here: Iteration,
@@ -169,36 +327,33 @@ def chain_of(
     *,
     is_closed: bool,
     is_exact: bool,
-) -> Chain:
-    """Find the chain of frames, and the prior along it.
+) -> tuple[Floats, Prior]:
+    """Find the precision of the chain of frames, (frames, frames), and the prior along it.
 
     Frames differ from the reference by their motion, which is held down from the harmonic on under
     which it is the most likely. What the shape is off, unless it is exact, the reference shows, and
     all frames have it.
     """
     sds = np.sqrt(prior.variances(surface.wavenumbers))[:, None]
-    seen = [k for k, own in enumerate(here) if own is not None]
-    kept = [own for own in here if own is not None]
-    scaled = np.stack([(own.amplitudes / sds).ravel() for own in kept])
-    covariance = np.mean([np.diag(own.covariance).reshape(-1, 3) for own in kept], axis=0)
+    kept = {k: own for k, own in enumerate(here) if own is not None}
+    own = {k: (one.amplitudes / sds).ravel() for k, one in kept.items()}
+    covariance = np.mean([np.diag(o.covariance).reshape(-1, 3) for o in kept.values()], axis=0)
     shares = np.clip(1.0 - covariance / sds**2, 0.0, 1.0).ravel()
     offset, total = 1.0, float(shares.sum())
     if is_exact:
         # It is at rest, with data or without.
-        rest = np.zeros((len(here), scaled.shape[1]))
-        rest[seen] = scaled
-        rest[reference] = 0.0
-        seen = sorted({*seen, reference})
-        scaled = rest[seen]
+        own[reference] = np.zeros(3 * len(surface))
+    seen = sorted(own)
+    scaled = np.stack([own[k] for k in seen])
     row = seen.index(reference) if reference in seen else 0
     free, variance, harmonic, least = np.delete(np.arange(len(seen)), row), 1.0, _USUAL, np.inf
     tried = np.geomspace(_STIFFEST, len(seen) / 4.0, _N_TRIED).tolist()
     x = scaled[free] - scaled[row]
     for h0 in (tried if len(seen) >= _FEW else [_USUAL]) if len(free) and total > 0 else []:
-        own = chain_precision(phases[seen], h0, row, is_closed=is_closed)[np.ix_(free, free)]
+        Q = chain_precision(phases[seen], h0, row, is_closed=is_closed)[np.ix_(free, free)]
         # Variance by which the others differ from it, instead of 1; -2 log of the likelihood.
-        energy = float((shares * (x * (own @ x)).sum(axis=0)).sum()) / total / len(free)
-        unlikely = len(free) * np.log(max(energy, 1e-300)) - np.linalg.slogdet(own)[1]
+        energy = float((shares * (x * (Q @ x)).sum(axis=0)).sum()) / total / len(free)
+        unlikely = len(free) * np.log(max(energy, 1e-300)) - np.linalg.slogdet(Q)[1]
         if unlikely < least:
             harmonic, variance, least = h0, energy, unlikely
     if not is_exact and reference in seen and len(seen) > 1 and total > 0:
@@ -208,7 +363,7 @@ def chain_of(
     scale, drift = max(prior.scale * wide, narrowest), max(prior.drift * wide, narrowest)
     along = replace(prior, scale=scale, drift=drift)
     offset = max(offset, _LEAST_OFFSET)
-    return Chain(chain_precision(phases, harmonic, reference, offset, is_closed=is_closed), along)
+    return chain_precision(phases, harmonic, reference, offset, is_closed=is_closed), along
 
 
 class FramesEstimate(NamedTuple):
@@ -217,6 +372,8 @@ class FramesEstimate(NamedTuple):
     Parameters
     ----------
     amplitudes : (frames, modes, 3) float64, length unit
+    prior : Prior
+        Along the chain.
     across : (frames, 3 modes, 3 modes) float64, length unit squared
         Covariances across the surface; none where it is known.
     information : list of NormalEquations
@@ -225,6 +382,7 @@ class FramesEstimate(NamedTuple):
     """
 
     amplitudes: Floats
+    prior: Prior
     across: Floats
     information: list[NormalEquations]
     lasting: Floats
@@ -234,14 +392,13 @@ def map_frames(
     surface: Deformable,
     frames: Sequence[Frame],
     here: Iteration,
-    chain: Chain,
+    chain: tuple[Floats, Prior],
     noise: Noise,
     pinned: int | None,
     done: Callable[[], None],
 ) -> FramesEstimate:
     """Estimate all frames at once, twice, the second time about the first result."""
-    n_frames, m = len(frames), len(surface)
-    Q, prior = chain.Q, chain.prior
+    (Q, prior), n_frames, m = chain, len(frames), len(surface)
     stiffness = surface.stiffness(prior.variances(surface.wavenumbers))
     a = amplitudes_of(surface, here)
     seen, last = np.empty(0), list[NormalEquations]()
@@ -261,14 +418,14 @@ def map_frames(
     correlation = covariance / spread / spread[:, None]
     lasting = max(1.0, float((correlation**2).sum()) / n_frames)
     lasting *= prior.concentration(surface.template.topology.n_axes)
-    longer = noise.longer(lasting)
+    longer = replace(noise, truncation=noise.truncation * float(np.sqrt(lasting)))
     slow = [normal_equations(surface, a[k], frame, longer) for k, frame in enumerate(frames)]
     matrices, vectors = _stacked(slow, stiffness, pinned)
     _, covariances = joined(matrices, vectors, stiffness, Q)
     across = np.stack([across_covariance(seen[k], info) for k, info in enumerate(last)])
     if pinned is not None:
         across[pinned] = 0.0
-    return FramesEstimate(a, across, last, covariances)
+    return FramesEstimate(a, prior, across, last, covariances)
 
 
 def _stacked(

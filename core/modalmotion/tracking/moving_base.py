@@ -12,7 +12,7 @@ from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.modes.topology import CUP
 from modalmotion.representation import Floats
 from modalmotion.template import Template
-from modalmotion.tracking.observation import Frame, Observation, ends_in
+from modalmotion.tracking.observation import Frame, Observation, ends_in, states_end
 from modalmotion.tracking.result import Track, cavity_in, normals_of
 
 DESCENT: Final = (0.185, 0.04)
@@ -104,8 +104,7 @@ def with_assumed_base(
 
     Parameters are those of `base_by_volume`; `levels` are those of `with_levels`.
     """
-    has_base = [any("base" in (p.end, *(p.places or ())) for p in frame) for frame in frames]
-    is_open = [not own and k != reference for k, own in enumerate(has_base)]
+    is_open = [k != reference and not states_end(own, "base") for k, own in enumerate(frames)]
     if template.surface != CUP or not any(is_open) or cavity_in(template) is None:
         return tuple(frames), {}
     places, covariance = base_by_volume(frames, template, reference, shapes)

@@ -11,7 +11,7 @@ gives the truncation: what the modes leave and how many independent values it ha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -150,33 +150,19 @@ class Noise:
     sd : float, length unit
         Of one point, independent of all others.
     truncation : float, length unit
-        What the modes leave, along the normal, in a frame whose amplitudes are as large as the
-        prior says; afterwards that of one frame.
+        What the modes leave, along the normal.
     n_values : float
         Independent values of it on the whole surface.
-    lasting : float
-        Share of truncation^2 that all frames have, whatever their energy: the error of the shape
-        that all are about.
     """
 
     sd: float
     truncation: float
     n_values: float
-    lasting: float = 0.0
 
     @property
     def total(self) -> float:
         """RMS distance of a point from the surface in its modes, length unit."""
         return float(np.hypot(self.sd, self.truncation))
-
-    def of_frame(self, energy: float) -> Noise:
-        """Noise of a frame with so much energy, the mean of a^2 over its prior variance."""
-        rise = self.lasting + (1.0 - self.lasting) * energy
-        return replace(self, truncation=self.truncation * float(np.sqrt(rise)), lasting=0.0)
-
-    def longer(self, lasting: float) -> Noise:
-        """Noise whose truncation so many frames have in common."""
-        return replace(self, truncation=self.truncation * float(np.sqrt(lasting)))
 
     def own(self, sd: Floats | float | None) -> Floats | float:
         """Variance of each point's own noise, length unit squared; of all where it is unknown."""
@@ -211,27 +197,21 @@ class Residuals(NamedTuple):
     weights : (n,) float64
     n_spent : float
         Amplitudes that the data have set.
-    energy : float
-        Mean over the modes of a^2 over its prior variance.
     """
 
     points: Floats
     residuals: Floats
     weights: Floats
     n_spent: float
-    energy: float
 
 
-def noise_of(
-    frames: Sequence[Residuals], n_values: float, n_axes: int, *, is_exact: bool = False
-) -> Noise:
+def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> tuple[Noise, Floats]:
     """Noise under which the residuals are as large, and as much alike, as they are.
 
     Noise of a point says nothing of that of its neighbour; what the modes leave is nearly the
-    same at both, and has no part in their difference. Where the surface has hardly moved hardly
-    anything is left: truncation^2 is as large as the energy of a frame, and fitted to it. What is
-    left is large in few places and small in most, so sizes are those that 68 % stay below, as an
-    interval of one standard deviation says, and not root mean squares.
+    same at both, and has no part in their difference. It is large in few places and small in most,
+    so sizes are those that 68 % stay below, as an interval of one standard deviation says, and not
+    root mean squares.
 
     Parameters
     ----------
@@ -240,8 +220,14 @@ def noise_of(
         Independent values of the truncation.
     n_axes : int
         2 of a surface, 1 of a curve.
-    is_exact : bool
-        Whether the shape at rest is that of a frame.
+
+    Returns
+    -------
+    Noise
+        Of all frames alike: estimated with what grows with the motion, a frame would be drawn to
+        the start the more the farther it moves.
+    (frames,) float64, length unit
+        Truncation of each, in the mean with that of all: its residuals alone tell it by chance.
     """
     sizes = [_sizes(frame) for frame in frames]
     weights, totals, own = np.array(sizes).reshape(-1, 3).T
@@ -251,17 +237,11 @@ def noise_of(
     spent = np.array([frame.n_spent for frame in frames])
     totals = totals * weights / np.maximum(weights - spent, np.maximum(0.25 * weights, 1e-300))
     mean = float((weights * totals).sum()) / n
-    sd = max(min(float((weights * own).sum()) / n, mean), _LEAST_SHARE**2 * mean)
-    energies = np.array([frame.energy for frame in frames])
-    # truncation^2 = c + alpha e, none below zero, weighted by points.
-    root = np.sqrt(weights / n)
-    still = 0.0 if is_exact else 1.0
-    rises = np.stack([still + 0.0 * energies, energies], axis=1) * root[:, None]
-    unit = mean if mean > 0 else 1.0
-    (still, alpha), _ = scipy.optimize.nnls(rises, np.maximum(totals - sd, 0.0) / unit * root)
-    rise = float(still + alpha) * unit
-    lasting = float(still) * unit / rise if rise > 0 else 0.0
-    return Noise(float(np.sqrt(sd)), float(np.sqrt(rise)), n_values, lasting)
+    variance = max(min(float((weights * own).sum()) / n, mean), _LEAST_SHARE**2 * mean)
+    left = np.maximum(totals - variance, 0.0)
+    mean = float((weights * left).sum()) / n
+    noise = Noise(float(np.sqrt(variance)), float(np.sqrt(mean)), n_values)
+    return noise, np.sqrt((left + mean) / 2.0)
 
 
 def _sizes(frame: Residuals) -> tuple[float, float, float]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -26,6 +28,14 @@ _LARGEST: Final = 1e60
 
 # Consecutive multiples of it fall apart evenly.
 _GOLDEN: Final = 0.6180339887498949
+
+
+# Arrays beside the points, and what they have to be.
+_FINITE: Final = {
+    "sd": "lengths above zero",
+    "weights": "numbers from 0 on",
+    "normals": "vectors other than zero",
+}
 
 
 @shown()
@@ -74,29 +84,20 @@ class Observation(FrozenArrays):
     def __post_init__(self) -> None:
         points = _rows(self.points)
         n, arrays = len(points), {"points": points}
-        if self.sd is not None:
-            arrays["sd"] = sd = np.array(np.broadcast_to(np.asarray(self.sd, np.float64), (n,)))
-            if not (np.isfinite(sd) & (sd > 0)).all():
+        for name, what in _FINITE.items():
+            value = getattr(self, name)
+            if value is None:
+                continue
+            shape = (n, 3) if name == "normals" else (n,)
+            array = np.array(np.broadcast_to(value, shape) if name == "sd" else value, np.float64)
+            size = np.linalg.norm(np.atleast_2d(array), axis=-1) if name == "normals" else array
+            is_right = np.isfinite(size) & ((size > 0) | ((name == "weights") & (size == 0)))
+            if array.shape != shape or not is_right.all():
                 raise ParameterError(
-                    "A standard deviation of an observation is not a finite length above zero.",
-                    remedy="Give lengths above zero, or leave them out to have them estimated.",
+                    f"The {name} of {n} points are not {n} finite {what}.",
+                    remedy="Give one for each point, or none.",
                 )
-        if self.weights is not None:
-            arrays["weights"] = weights = np.array(self.weights, dtype=np.float64)
-            if weights.shape != (n,) or not (np.isfinite(weights) & (weights >= 0)).all():
-                raise ParameterError(
-                    f"The weights of {n} points are not {n} finite numbers from 0 on.",
-                    remedy="Give one weight for each point, or none.",
-                )
-        if self.normals is not None:
-            normals = np.array(self.normals, dtype=np.float64)
-            size = np.linalg.norm(np.atleast_2d(normals), axis=-1, keepdims=True)
-            if normals.shape != (n, 3) or not (np.isfinite(size) & (size > 0)).all():
-                raise ParameterError(
-                    f"The directions of {n} points are not {n} finite vectors other than zero.",
-                    remedy="Give one direction for each point, or none.",
-                )
-            arrays["normals"] = normals / size
+            arrays[name] = array / size[:, None] if name == "normals" else array
         if self.places is not None and len(self.places) != n:
             raise ShapeError(
                 f"{len(self.places)} places were named for {n} landmarks.",
@@ -139,6 +140,21 @@ def ends_in(frame: Frame) -> dict[str, Floats]:
     return ends
 
 
+def states_end(frame: Frame, end: str) -> bool:
+    """Whether a frame says where an end of the surface is."""
+    return any(end in (part.end, *(part.places or ())) for part in frame)
+
+
+def marks_at(frame: Frame, end: str) -> list[tuple[Floats, float]]:
+    """Points of an end of the surface, with their deviations; 0 if one is not stated."""
+    return [
+        (point, 0.0 if part.sd is None else float(np.asarray(part.sd)[row]))
+        for part in frame
+        for row, point in enumerate(part.points)
+        if end in (part.end, (part.places or [None] * len(part))[row])
+    ]
+
+
 def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[Note, ...]]:
     """Read the frames of any kind of observed sequence.
 
@@ -161,12 +177,8 @@ def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[N
     """
     frames, n_thinned = [], 0
     for k, item in enumerate(observed):
-        try:
+        with in_frame(k):
             frame = _frame_of(item)
-        except InputError as error:
-            error.frame = k
-            error.message = f"Frame {k}: {error.message}"
-            raise
         frames.append(tuple(map(_thinned, frame)))
         n_thinned += sum(map(len, frames[k])) < sum(map(len, frame))
     if not any(len(part) for frame in frames for part in frame):
@@ -176,6 +188,19 @@ def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[N
         )
     note = Note.of("points_thinned", n_frames=n_thinned, most=_MOST_POINTS)
     return tuple(frames), (note,) if n_thinned else ()
+
+
+@contextmanager
+def in_frame(frame: int | None, name: str = "") -> Iterator[None]:
+    """Name the frame, and the file if there is one, in what is wrong with it."""
+    try:
+        yield
+    except InputError as error:
+        error.frame = frame if error.frame is None else error.frame
+        file = repr(Path(name).name[-60:]) if name else ""
+        where = file if frame is None else f"Frame {frame}{f' ({file})' if file else ''}"
+        error.message = f"{where}: {error.message}"
+        raise
 
 
 def _frame_of(item: Any) -> Frame:
@@ -236,21 +261,15 @@ def open_sides(faces: Ints) -> tuple[Ints, Ints]:
 
 def _rows(points: Any, what: str = "points of an observation") -> Floats:
     """Copy points as rows of three finite numbers."""
+    remedy = "Give one row x, y, z for each point, three vertices for each face."
     try:
-        rows = np.array(points)
-        rows = rows.astype(np.float64) if not np.iscomplexobj(rows) else np.array(None)
+        # Complex numbers have no order, and would be cut.
+        rows = np.array(points).astype(np.float64, casting="same_kind")
     except (TypeError, ValueError):
-        rows = np.array(None)
-    if rows.dtype == object:
-        raise ParameterError(
-            f"The {what} are not rows of real numbers.",
-            remedy="Give one row x, y, z for each point, three vertices for each face.",
-        )
+        message = f"The {what} are not rows of real numbers."
+        raise ParameterError(message, remedy=remedy) from None
     if rows.ndim != 2 or rows.shape[1] != 3:
-        raise ShapeError(
-            f"The {what} have the shape {rows.shape}, not (n, 3).",
-            remedy="Give one row x, y, z for each point, three vertices for each face.",
-        )
+        raise ShapeError(f"The {what} have the shape {rows.shape}, not (n, 3).", remedy=remedy)
     wrong = np.flatnonzero(~np.isfinite(rows).all(axis=1))
     if wrong.size:
         raise NonFiniteError(

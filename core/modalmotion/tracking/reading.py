@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalmotion.errors import InputError, MalformedFileError, ParameterError, ShapeError
+from modalmotion.errors import MalformedFileError, ParameterError, ShapeError
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
 from modalmotion.formats.frame import NOTHING_TO_TRACK
 from modalmotion.formats.frame_files import (
@@ -44,19 +43,27 @@ from modalmotion.tracking.landmarks import (
     landmarks_from_json,
     read_landmark_file,
 )
-from modalmotion.tracking.observation import NAMED_PLACES, Observation, of_surface
+from modalmotion.tracking.observation import (
+    NAMED_PLACES,
+    Observation,
+    in_frame,
+    of_surface,
+)
 
 CLOUD_SUFFIXES: Final = (".csv", ".xyz", ".txt")
 """Ends of the names of files of points, three numbers a line."""
 
 # biv-me's files: tab-separated x, y, z, type, slice, weight, frame.
 _GUIDE_POINTS: Final = "GPFile"
-_GUIDE_COLUMNS: Final = 7
 _VALVES: Final = ("MITRAL_VALVE", "AORTA_VALVE")
 _APEX: Final = "APEX_POINT"
 
 # The surface whose rim the valves are at; of others they are near the middle of the opening.
 _WITH_VALVES: Final = "LV_ENDOCARDIAL"
+
+# What separates the numbers of a line, and how a line of numbers starts.
+_SPACED: Final = bytes.maketrans(b",;", b"  ")
+_NUMBER: Final = re.compile(rb"\s*[-+.]?[0-9]|\s*nan", re.IGNORECASE)
 
 _NOWHERE: Final = np.full(3, np.nan)
 _SYSTEM: Final = "coordinate_system"
@@ -211,7 +218,7 @@ def _of_files(
     parser.limits.require("frames", len(names))
     frames: list[_FrameFile] = []
     for k, name in enumerate(reported(names, progress)):
-        with _named(k, name):
+        with in_frame(k, name):
             frames.append(_frame(name, files[name](), labels, parser))
             system, first = frames[k].states.get(_SYSTEM), frames[0].states.get(_SYSTEM)
             if system != first:
@@ -228,7 +235,7 @@ def _of_files(
         times = tuple(float(frame.states["time"]) for frame in frames)
     marked = [name for name in visible if name.lower().endswith(LANDMARK_SUFFIXES)]
     for name in sorted(marked, key=natural_key):
-        with _named(None, name):
+        with in_frame(None, name):
             file = read_landmark_file(files[name]())
             places = file.for_points(system or coordinates, unit)
         frame_of = _frame_of(name, names)
@@ -237,8 +244,7 @@ def _of_files(
                 landmarks[mark] = place
                 continue
             # Beside what is known of others.
-            known = landmarks.get(mark, _NOWHERE)
-            rows = np.array(np.broadcast_to(known, (len(names), 3)))
+            rows = np.array(np.broadcast_to(landmarks.get(mark, _NOWHERE), (len(names), 3)))
             rows[frame_of] = place
             landmarks[mark] = rows
         notes += file.notes
@@ -273,20 +279,6 @@ def _frame_of(name: str, frames: Sequence[str]) -> int | None:
     return stems.index(stem) if stems.count(stem) == 1 else None
 
 
-@contextmanager
-def _named(frame: int | None, name: str) -> Iterator[None]:
-    """Name the file, and the frame, in what is wrong with it."""
-    try:
-        yield
-    except InputError as error:
-        where = repr(Path(name).name[-60:])
-        if frame is not None:
-            error.frame = frame if error.frame is None else error.frame
-            where = f"Frame {frame} ({where})"
-        error.message = f"{where}: {error.message}"
-        raise
-
-
 class _FrameFile(NamedTuple):
     """One frame as its file states it."""
 
@@ -318,21 +310,24 @@ def _of_mesh(data: bytes, parser: Parser) -> _FrameFile:
 
 def _cloud(data: bytes) -> Floats:
     """Read points from lines of three numbers or more, after a heading if there is one."""
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines_of(data), 1):
-        words = line.replace(b",", b" ").replace(b";", b" ").split()[:3]
-        try:
-            values = [float(word) for word in words]
-        except ValueError:
-            values = []
-        if len(values) == 3:
-            rows.append(values)
-        elif rows or values:
-            raise MalformedFileError(
-                f"Line {number} is not three numbers: {line[:40]!r}.",
-                remedy="Write x, y and z of one point per line.",
-            )
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+    lines = [line.translate(_SPACED) for line in lines_of(data)]
+    first = next((k for k, line in enumerate(lines) if _NUMBER.match(line)), len(lines))
+    return _numbers(lines[first:], None, 3)
+
+
+def _numbers(lines: Sequence[bytes], delimiter: str | None, n_columns: int) -> Floats:
+    rows: Floats = np.zeros((0, n_columns))
+    lines = [line for line in lines if line.strip()]
+    try:
+        if lines:
+            rows = np.loadtxt(lines, delimiter=delimiter, usecols=range(n_columns), ndmin=2)
+    except ValueError as error:
+        raise MalformedFileError(
+            f"A cell is not a number, or missing ({str(error)[:60]}).",
+            remedy="Write x, y and z of one point per line; in a table of all frames beside them "
+            "frame, or time (s).",
+        ) from error
+    return rows
 
 
 def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
@@ -345,13 +340,7 @@ def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
     names = [name.strip().strip('"').lower() for name in first.split(delimiter)]
     if not {"x", "y", "z"} <= {*names}:
         return None
-    try:
-        rows = np.loadtxt([*lines_of(data)][1:], delimiter=delimiter, ndmin=2, dtype=np.float64)
-    except ValueError as error:
-        raise MalformedFileError(
-            f"The table has a cell that is not a number ({str(error)[:60]}).",
-            remedy="Write x, y, z and frame or time (s), one point per row.",
-        ) from error
+    rows = _numbers([*lines_of(data)][1:], delimiter, len(names))
     points = rows[:, [names.index(name) for name in "xyz"]]
     key = next((name for name in ("frame", "time", "t") if name in names), None)
     if key is None:
@@ -363,45 +352,38 @@ def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
 
 def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
     """Read typed contour points; valves are at the base, and the apex point is the apex."""
-    parts = defaultdict[str, list[list[float]]](list)
-    valves = defaultdict[bytes, list[list[float]]](list)
-    times = dict[str, bytes]()
-    for number, line in enumerate(lines_of(data), 1):
-        words = line.split(b"\t")
-        if number == 1 and words[0] == b"x":
-            continue
-        try:
-            point = [float(word) for word in words[:3]]
-            kind, plane, _, frame = words[3:_GUIDE_COLUMNS]
-        except ValueError:
-            raise MalformedFileError(
-                f"Line {number} is not x, y, z, type, slice, weight and frame: {line[:40]!r}.",
-                remedy="Send the guide point files as biv-me writes them.",
-            ) from None
-        name, time = kind.decode(errors="replace"), frame.strip()
+    lines = [line for line in lines_of(data) if line.strip() and not line.startswith(b"x\t")]
+    if not lines:
+        return _FrameFile(())
+    try:
+        table = np.loadtxt(lines, np.str_, delimiter="\t", comments=None, ndmin=2)
+        places, (kinds, planes, _, times) = table[:, :3].astype(np.float64), table[:, 3:].T
+    except ValueError as error:
+        raise MalformedFileError(
+            f"A line is not x, y, z, type, slice, weight and frame ({str(error)[:60]}).",
+            remedy="Send the guide point files as biv-me writes them.",
+        ) from None
+    for name in np.unique(kinds):
         # Of some slices recorders write the weight there, 1.0, which is no number of a frame.
-        if time.isdigit() and times.setdefault(name, time) != time:
+        if len({time for time in times[kinds == name] if time.isdigit()}) > 1:
             raise MalformedFileError(
-                f"Line {number}: {name[:40]} has points of two time frames in one file.",
+                f"{name[:40]} has points of two time frames in one file.",
                 remedy="Write one file for each time frame.",
             )
-        parts[name].append(point)
-        if name in _VALVES:
-            valves[plane].append(point)
-    chosen = [name for name in parts if any(kind in name for kind in contours)]
-    if parts and not chosen:
+    names = [name for name in np.unique(kinds) if any(kind in name for kind in contours)]
+    if not names:
         raise ParameterError(
             f"No contour is called {', '.join(map(repr, contours))}.",
-            remedy=f"Name parts of these: {', '.join(sorted(parts))}.",
+            remedy=f"Name parts of these: {', '.join(np.unique(kinds))}.",
         )
-    points = np.array([row for name in chosen for row in parts[name]], dtype=np.float64)
-    observed = [Observation(points.reshape(-1, 3))]
-    landmarks = {"apex": np.mean(parts[_APEX], axis=0)} if _APEX in parts else {}
-    if valves and all(_WITH_VALVES in name for name in chosen):
-        rim = np.concatenate([_farthest(np.array(rows)) for rows in valves.values()])
-        observed.append(Observation(rim, end="base"))
-    elif valves:
-        landmarks["base"] = np.concatenate(list(valves.values())).mean(axis=0)
+    observed = [Observation(places[np.isin(kinds, names)])]
+    at_valve, at_apex = np.isin(kinds, _VALVES), kinds == _APEX
+    landmarks = {"apex": places[at_apex].mean(axis=0)} if at_apex.any() else {}
+    if at_valve.any() and all(_WITH_VALVES in name for name in names):
+        each = [places[at_valve & (planes == one)] for one in np.unique(planes[at_valve])]
+        observed.append(Observation(np.concatenate([*map(_farthest, each)]), end="base"))
+    elif at_valve.any():
+        landmarks["base"] = places[at_valve].mean(axis=0)
     return _FrameFile(tuple(observed), landmarks)
 
 
@@ -471,10 +453,6 @@ def _clouds(clouds: Sequence[NDArray[Any]]) -> tuple[tuple[Observation], ...]:
     """Frames of points; what is wrong with one names it."""
     frames = []
     for k, points in enumerate(clouds):
-        try:
+        with in_frame(k):
             frames.append((Observation(points),))
-        except InputError as error:
-            error.frame = k
-            error.message = f"Frame {k}: {error.message}"
-            raise
     return tuple(frames)

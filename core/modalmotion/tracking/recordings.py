@@ -22,16 +22,12 @@ from modalmotion.progress import Reporter
 from modalmotion.tracking.hdf5 import kept_track
 from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
 from modalmotion.tracking.label_values import is_label_map, whole_labels
-from modalmotion.tracking.landmarks import Proposed, as_places, landmarks_of
+from modalmotion.tracking.landmarks import Proposed, landmarks_of, places_of
 from modalmotion.tracking.making import Start, motion_in
 from modalmotion.tracking.observation import of_surface
-from modalmotion.tracking.parameters import (
-    USUAL_MODES,
-    TrackParameters,
-    require_surface_tracking,
-)
+from modalmotion.tracking.parameters import TrackParameters, require_surface_tracking
 from modalmotion.tracking.reading import Recorded, read_observed, recorded_images
-from modalmotion.tracking.result import Papillary, Track
+from modalmotion.tracking.result import Track
 
 
 def track(
@@ -85,6 +81,7 @@ def track(
             remedy=f"Its options are {', '.join(names)}.",
         )
     parameters = TrackParameters(**options)
+    require_surface_tracking(facts)
     if isinstance(observed, MeshSequence):
         facts = replace(facts, period=facts.period or observed.facts.period)
         surfaces = tuple(of_surface(x, observed.faces) for x in observed.vertices)
@@ -94,20 +91,7 @@ def track(
     elif not isinstance(observed, Recorded):
         images = images_in(observed)
         observed = Recorded(tuple(observed), {}) if images is None else recorded_images(images)  # type: ignore[arg-type]
-    return follow(observed, parameters, start=start, facts=facts, progress=progress)
-
-
-def follow(
-    recorded: Recorded,
-    parameters: TrackParameters,
-    *,
-    start: Start | None = None,
-    facts: Facts = NO_FACTS,
-    progress: Reporter | None = None,
-) -> Track:
-    """Track what was recorded; see `track`."""
-    require_surface_tracking(facts)
-    recorded, proposed = _labelled(recorded, parameters)
+    recorded, proposed = _labelled(observed, parameters)
     times: Any = recorded.times if parameters.times is None else parameters.times
     if isinstance(times, float | int):
         times = times * np.arange(recorded.n_frames, dtype=np.float64)
@@ -209,10 +193,8 @@ def segment(
     landmarks: Mapping[str, Any] | None = None,
     frame: int = 0,
     start: Start | None = None,
-    modes: int = USUAL_MODES,
-    papillary: Papillary = "pool",
-    labels: tuple[str | int, ...] = (),
     progress: Reporter | None = None,
+    **options: Any,
 ) -> Track:
     """Find a surface in one image.
 
@@ -223,9 +205,10 @@ def segment(
     landmarks : mapping of "apex" and "base" to (3,) or (frames, 3) array_like, mm, optional
         Needed of images that are no label map.
     frame : int
-    start : MeshSequence or Template, optional
-    modes, papillary, labels, progress : optional
-        As of `TrackParameters` and `track`.
+    start, progress : optional
+        As of `track`.
+    **options
+        Other fields of `TrackParameters`: modes, papillary, labels.
 
     Returns
     -------
@@ -249,11 +232,13 @@ def segment(
             remedy="Name a frame that has one, counted from 0.",
             frame=frame,
         )
-    places = {name: as_places(name, value) for name, value in (landmarks or {}).items()}
+    places = {name: places_of(name, value) for name, value in (landmarks or {}).items()}
     each = (sequence.n_frames, 3)
-    own = {name: one[frame] if one.shape == each else one for name, one in places.items()}
-    one = ImageSequence((sequence.frames[frame],), notes=sequence.notes)
-    parameters = TrackParameters(
-        landmarks=own, time="open", modes=modes, papillary=papillary, labels=tuple(labels)
+    return track(
+        ImageSequence((sequence.frames[frame],), notes=sequence.notes),
+        start=start,
+        progress=progress,
+        time="open",
+        landmarks={n: at[frame, None] if at.shape == each else at for n, at in places.items()},
+        **options,
     )
-    return follow(recorded_images(one), parameters, start=start, progress=progress)

@@ -18,9 +18,9 @@ from modalmotion.modes import ModeSet
 from modalmotion.modes.topology import PLANE
 from modalmotion.notes import Note
 from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
-from modalmotion.template.body_frame import affine_shapes
-from modalmotion.template.template import Template, shapes_of
+from modalmotion.template import Template
 from modalmotion.tracking.closest import unit_vectors
+from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations
 from modalmotion.tracking.observation import Frame
@@ -40,6 +40,13 @@ STRAY: Final = 0.1
 
 # Consecutive multiples of it fall apart evenly.
 _GOLDEN: Final = 0.6180339887498949
+
+
+def _freeze(value: object) -> None:
+    """Make the arrays of a value read-only."""
+    for array in vars(value).values():
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
 
 
 @shown("n_points")
@@ -64,8 +71,7 @@ class SampledData(FrozenArrays):
     counts: Ints
 
     def __post_init__(self) -> None:
-        for array in (self.points, self.weights, self.are_landmarks, self.counts):
-            array.setflags(write=False)
+        _freeze(self)
 
     @property
     def n_points(self) -> int:
@@ -226,16 +232,7 @@ class Track(FrozenArrays, Recorded):
     data: SampledData | None = None
 
     def __post_init__(self) -> None:
-        for name in (
-            "amplitudes",
-            "covariances",
-            "truncations",
-            "deviations",
-            "residuals",
-            "inliers",
-            "coverage",
-        ):
-            getattr(self, name).setflags(write=False)
+        _freeze(self)
 
     @property
     def n_frames(self) -> int:
@@ -247,29 +244,24 @@ class Track(FrozenArrays, Recorded):
         known = self.sequence.uncertainty
         if known is None:
             return self
-        images = self.images
-        is_wall = images is not None and images.papillary == "wall"
         known = replace(
             known,
-            source="points" if images is None else "images",
+            source="points" if self.images is None else "images",
             volumes=self.volume_deviations,
-            papillary_volume=images.papillary_volume if images and is_wall else 0.0,
+            papillary_volume=self._taken_off,
             volume_correlation=self.volume_correlation,
             notes=self.notes,
         )
         return replace(self, sequence=replace(self.sequence, uncertainty=known))
 
     @cached_property
-    def wavenumbers(self) -> Floats:
-        """Wave number of each mode times the surface's length, (modes,) float64."""
-        length = float(np.exp(np.log(np.array(self.template.lengths)).mean()))
-        k: Floats = self.modes.wavenumbers_on(self.template.lengths) * length
-        return k
-
-    @cached_property
     def shapes(self) -> Floats:
         """What a unit of each amplitude moves the vertices by, (vertices, modes) float64."""
-        return affine_shapes(shapes_of(self.modes, self.template), self.template)
+        return self._surface.shapes
+
+    @cached_property
+    def _surface(self) -> Deformable:
+        return Deformable.of(self.template, len(self.modes)).exact_for_affine()
 
     @cached_property
     def mode_deviations(self) -> Floats:
@@ -305,7 +297,7 @@ class Track(FrozenArrays, Recorded):
             prior has set it, and it counts as undetermined.
         """
         seen = [f for f in range(self.n_frames) if f not in self.unseen and f != self.reference]
-        prior = self.prior.variances(self.wavenumbers)[:, None]
+        prior = self.prior.variances(self._surface.wavenumbers)[:, None]
         kept = self.mode_deviations[seen or slice(None)]
         return np.asarray(np.clip(1.0 - (kept**2).mean(axis=0) / prior, 0.0, 1.0))
 
@@ -319,16 +311,20 @@ class Track(FrozenArrays, Recorded):
         if cavity is None:
             return None
         enclosed = np.abs(cavity.volume(self.sequence.vertices.astype(np.float64)))
+        return enclosed - self._taken_off
+
+    @property
+    def _taken_off(self) -> float:
+        """Papillary muscles that count as wall, length unit cubed."""
         is_wall = self.images is not None and self.images.papillary == "wall"
-        return enclosed - self.images.papillary_volume if is_wall and self.images else enclosed
+        return self.images.papillary_volume if self.images is not None and is_wall else 0.0
 
     @property
     def ejection_fractions(self) -> dict[str, float]:
         """Ejection fraction under each convention about papillary muscles; empty without images."""
         if self.images is None or self.volumes is None:
             return {}
-        muscle = self.images.papillary_volume
-        pool = self.volumes + (muscle if self.images.papillary == "wall" else 0.0)
+        muscle, pool = self.images.papillary_volume, self.volumes + self._taken_off
         lost = float(pool.max() - pool.min())
         return {"pool": 100.0 * lost / pool.max(), "wall": 100.0 * lost / (pool.max() - muscle)}
 

@@ -113,17 +113,6 @@ def test_the_reference_shows_how_far_beyond_their_points_arcs_go_on(early: float
     assert ends.points[:, 2] == pytest.approx(np.zeros(6), abs=0.4)
 
 
-def test_an_apex_without_slices_is_below_the_first_by_as_much_as_where_it_is_stated() -> None:
-    high = (
-        Observation(slices(8.0, 0.0, -45.0)),
-        Observation(np.array([[0.0, 0.0, 8.0]]), places=("base",)),
-    )
-    _, own = added([frame_of(slices(8.0, 0.0), 8.0), high])
-    (tip,) = [part for part in own if part.places == ("apex",)]
-    # It is stated as far below the first slice as slices are apart, less the 5 mm of their middle.
-    assert tip.points[0, 2] == pytest.approx(-50.0, abs=0.5)
-
-
 def test_slices_however_close_are_no_cloud_that_ends_at_the_last_one() -> None:
     frames = [frame_of(slices(2.0, 0.0), 2.0), frame_of(slices(-6.0, 0.0), None)]
     assert all(any(map(lies_evenly, frame)) for frame in frames)

@@ -12,7 +12,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topology import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, track
-from modalmotion.tracking.deviations import volume_deviation
+from modalmotion.tracking.quality_checks import volume_deviation
 from modalmotion.tracking.result import cavity_in
 
 BASE = standard_surface(Lattice(CUP, (12, 32)))

@@ -43,9 +43,9 @@ ENDS = {"apex": [-1.0, -2.0, -3.0], "base": [1.0, 2.0, 3.0]}
 @pytest.mark.parametrize(
     ("observed", "more", "match", "remedy"),
     [
-        (on_a_line, {}, "frame 0.* are on a line", "open curve"),
-        (on_a_line, {"topology": "cup", "landmarks": ENDS}, "are on a line", "surface as start"),
-        (in_a_plane, {}, "frame 0.* are in a plane", "topology plane"),
+        (on_a_line, {}, "Frame 0.* on a line", "open curve"),
+        (on_a_line, {"topology": "cup", "landmarks": ENDS}, "on a line", "surface as start"),
+        (in_a_plane, {}, "Frame 0.* in a plane", "topology plane"),
         (lambda: [np.eye(3)[:2]] * 3, {}, "has 2 points", "surface as start"),
         (lambda: [None] * 3, {}, "Nothing was observed in any frame", "at least one frame"),
         (list, {}, "Nothing was observed in any frame", "at least one frame"),

@@ -17,7 +17,7 @@ from modalmotion.template import make_template
 from modalmotion.tracking import Observation
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.iterations import map_frame
+from modalmotion.tracking.map_frames import map_frame
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import bulge, normal_equations
 

