@@ -376,6 +376,10 @@ WORDS: Final = {
         "What was deleted after {since} is in {folder} again: nothing here shows what that was. "
         "Remains of the old folder may: name them with --deletions."
     ),
+    "published_errors": (
+        "Published end-point errors are {mm} mm, of other recordings and landmarks; distances "
+        "along the normal do not see motion within the surface and are smaller."
+    ),
 }
 """Texts of notes by their codes, with the names of their data."""
 

@@ -1,8 +1,9 @@
-"""Commands of clinical read-outs and of norms."""
+"""Commands of clinical read-outs, of a comparison with known motion, and of norms."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 import numpy as np
 
-from modalmotion.cli.files import Waiting, each_labelled, sequence_argument
+from modalmotion.cli.files import Waiting, each_labelled, read, sequence_argument
 from modalmotion.cli.options import (
     EXISTING,
+    EXISTING_FILE,
     OnlyPlot,
     OutputFile,
     Plot,
@@ -27,6 +29,7 @@ from modalmotion.cli.track_commands import fitted_recording, tracking_options
 from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import readouts_json, ventricle_readouts
 from modalmotion.errors import TopologyError
+from modalmotion.notes import Note
 from modalmotion.pictures.readouts import bulls_eye_figure, most_moved, volume_figure
 from modalmotion.representation import counted, numeral
 from modalmotion.signature.mode_names import direction_names
@@ -116,6 +119,32 @@ def _lines(report: Report) -> Iterator[str]:
         key = f"inward motion over the radius at end diastole, frame {frame}, %"
         said[key] = {name: f"{share:.1f}" for name, share in shares}
     yield from described({**said, "notes": (*readouts.notes, *ventricle.reasons)})
+
+
+@command("score truth.npz answer.h5")
+@click.argument("truth", type=EXISTING_FILE)
+@click.argument("answer", type=EXISTING_FILE)
+def score(truth: Path, answer: Path) -> Any:
+    """Compare the motion in ANSWER with the true one in TRUTH: errors in mm and in points.
+
+    ANSWER is a track (.h5), with its deviations, or a sequence in any format; .npz may contain
+    `deviations` (frames, vertices), mm.
+    """
+    from modalmotion.clinical.score import PUBLISHED
+    from modalmotion.clinical.score import score as scored
+    from modalmotion.formats.npz import read_arrays
+    from modalmotion.tracking.hdf5 import track_from_hdf5
+
+    deviations = None
+    if answer.suffix.lower() in (".h5", ".hdf5"):
+        found = track_from_hdf5(answer)
+        estimated, deviations = found.sequence, found.deviations[:, :, 0]
+    else:
+        estimated = read(answer, beside=["deviations"])
+        if answer.suffix.lower() == ".npz":
+            deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
+    result = asdict(scored(read(truth), estimated, deviations))
+    return result, described({**result, "notes": [Note.of("published_errors", mm=PUBLISHED)]})
 
 
 @click.group()

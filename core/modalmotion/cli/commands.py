@@ -17,7 +17,7 @@ import click
 from modalmotion.errors import ModalMotionError, needs_extra
 
 _OF_MODULES: Final = {
-    "clinical_commands": "norm readouts",
+    "clinical_commands": "norm readouts score",
     "cohort_command": "cohort",
     "file_commands": "convert decode encode show table",
     "model_commands": "card classify evaluate features train",

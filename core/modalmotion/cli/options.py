@@ -403,7 +403,6 @@ OnlyPlot = Annotated[Plot, {"short": ("-o",)}]
 """The same of commands that write nothing else."""
 Cases = Annotated[Path | None, OutputFile(".csv"), {"flag": "cases"}]
 """The table of held-out cases."""
-Verbose = Annotated[bool, {"short": ("-v",)}]
 Coverage = Annotated[float, click.FloatRange(0, 1, min_open=True, max_open=True)]
 """Level of class sets."""
 Existing = Annotated[Path | None, EXISTING]

@@ -15,7 +15,6 @@ from modalmotion.cli.options import (
     OnlyPlot,
     OutputFile,
     Plot,
-    Verbose,
     command,
     described,
     fit_options,
@@ -52,7 +51,6 @@ def signature(
     source: Path,
     output: Annotated[Path | None, OutputFile(".h5", ".csv", ".html", *PICTURES)] = None,
     plot: Plot = None,
-    verbose: Verbose = False,
     **options: Any,
 ) -> Any:
     """Fit the modal signature of the sequence in FILE.
@@ -66,8 +64,6 @@ def signature(
         File to write: .h5, a table (.csv), .html, or a picture.
     plot
         Picture to write (.png, .svg, .pdf).
-    verbose
-        Print times and sizes too.
     """
     with Waiting(source) as waiting:
         watch = waiting.watch
@@ -75,8 +71,7 @@ def signature(
         for path in filter(None, (output, plot)):
             with watch.stage("picture" if path.suffix.lower() in PICTURES else "write"):
                 _write(path, sequence, result)
-    price = price_of(result, waiting.milliseconds())
-    return summary(result, price), _lines(result, price if verbose else None)
+    return summary(result, price_of(result, waiting.milliseconds())), _lines(result)
 
 
 def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
@@ -138,7 +133,7 @@ def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     }
 
 
-def _lines(result: ModalSignature, price: Price | None) -> Iterator[str]:
+def _lines(result: ModalSignature) -> Iterator[str]:
     unit, motion = result.unit or "length units", float(result.motion_rms.max())
     yield (
         f"{result.surface}, {counted(result.n_frames, 'frame')}, "
@@ -168,8 +163,6 @@ def _lines(result: ModalSignature, price: Price | None) -> Iterator[str]:
         yield f"  {label!s:>14} {numeral(float(value), of=motion):>9}  {bar}"
     if len(spectrum) > 20:
         yield f"  ... and {len(spectrum) - 20} more"
-    if price is not None:
-        yield from described({"price": asdict(price)})
     yield from (f"note: {note}" for note in result.notes)
 
 
@@ -182,7 +175,6 @@ def tradeoff(
     components: Components | None = None,
     front_modes: Annotated[int, click.IntRange(1, 2000)] = MOST_OF_FRONT,
     plot: OnlyPlot = None,
-    verbose: Verbose = False,
     **options: Any,
 ) -> Any:
     """Measure error, size and time of each number of modes for the sequence in FILE.
@@ -197,8 +189,6 @@ def tradeoff(
         Largest number of modes on the front.
     plot
         Picture to write (.png, .svg, .pdf).
-    verbose
-        Print times and sizes too.
     """
     parameters = signature_parameters(options)
     with Waiting(source) as waiting:
@@ -218,10 +208,10 @@ def tradeoff(
                 write_picture(tradeoff_figure(result), plot)
     price = replace(result.chosen.price, milliseconds=waiting.milliseconds())
     result = replace(result, chosen=replace(result.chosen, price=price))
-    return as_plain(result), _lines_of_tradeoff(result, verbose)
+    return as_plain(result), _lines_of_tradeoff(result)
 
 
-def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> Iterator[str]:
+def _lines_of_tradeoff(result: Tradeoff) -> Iterator[str]:
     front, chosen = result.front, result.chosen
     errors: dict[str, object] = {}
     for branch in front.branches:
@@ -232,7 +222,7 @@ def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> Iterator[str]:
         )
     for kind, error in result.scene.items():
         errors[f"as {with_article(kind)} motion"] = error.rms
-    signature, price = chosen.signature, asdict(chosen.price)
+    signature = chosen.signature
     named = ("rms_error", "weighted_rms_error", "p95_error", "max_error", "amplitudes_per_frame")
     notes = [] if result.noise is None else [result.noise.note(front.unit)]
     yield from described(
@@ -242,7 +232,7 @@ def _lines_of_tradeoff(result: Tradeoff, verbose: bool) -> Iterator[str]:
             "chosen": {
                 "n_modes": len(signature.modes),
                 **members(signature, "surface", "parameters.components", "parameters.harmonics"),
-                **(price if verbose else {name: price[name] for name in named}),
+                **members(chosen.price, *named),
                 "unit": front.unit,
             },
             "notes": (*notes, *signature.notes),

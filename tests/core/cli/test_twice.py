@@ -42,6 +42,7 @@ CHEAP = {
     "reconstruct": "{beat} -o {out}.npz",
     "report": "{beat} -o {out}",
     "signature": "{beat} -o {out}.h5",
+    "score": "{beat} {beat}",
     "settings": "",
     "show": "{beat}",
     "simulate": "-o {out}.npz",

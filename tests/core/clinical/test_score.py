@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import modalmotion as mm
+from modalmotion.cli import main
 from modalmotion.clinical.score import score
 
 BEAT = mm.simulate_ventricle(
@@ -65,3 +70,20 @@ def test_the_share_within_what_is_stated() -> None:
 def test_other_numbers_of_frames_are_refused() -> None:
     with pytest.raises(mm.ShapeError, match="6 frames and the answer 5"):
         score(BEAT, replace(BEAT, vertices=BEAT.vertices[:5], times=None))
+
+
+def test_the_command_reads_deviations_and_says_what_does_not_compare(tmp_path: Path) -> None:
+    truth, answer = tmp_path / "truth.npz", tmp_path / "answer.npz"
+    deviations = np.ones(BEAT.vertices.shape[:2])
+    beat: dict[str, Any] = {
+        "faces": BEAT.faces,
+        "grid": np.array(BEAT.grid),
+        "topology": np.array("cup"),
+    }
+    np.savez(truth, vertices=BEAT.vertices, **beat)
+    np.savez(answer, vertices=moved(0.9).vertices, deviations=deviations, **beat)
+    text = CliRunner().invoke(main, ["score", str(truth), str(answer)])
+    assert text.exit_code == 0, text.output
+    assert "2.9, 2.14, 1.96, 1.49 mm" in text.output
+    result = CliRunner().invoke(main, ["score", str(truth), str(answer), "--json"])
+    assert 0 < json.loads(result.output)["inside"] <= 1
