@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
 
-import click
 import numpy as np
 
 from modalmotion.cli.files import read, sequence_argument
 from modalmotion.cli.options import (
     PICTURES,
     OutputFile,
-    OutputFolder,
     command,
-    require_matplotlib,
     surface_options,
     write_picture,
 )
@@ -45,28 +40,6 @@ _GRIDS: Final = {1: (64,), 2: (32, 64), 3: (8, 8, 16)}
 _MODE_FILES: Final = (*PICTURES, ".glb", ".npz", ".h5")
 _ANIMATIONS: Final = (".glb", ".vtkhdf", ".npz", ".zip", ".gif")
 _TERMS: Final = {"flag": "mode", "type": str, "multiple": True, "metavar": "LABEL=AMPLITUDE"}
-_NUMBERED: Final = re.compile(r"%0?[0-9]*d")
-
-
-class _AnimationFiles(OutputFile):
-    """A file to write, numbered pictures, or a folder for them."""
-
-    def require(self, path: Path, param: click.Parameter | None, ctx: click.Context | None) -> None:
-        """Fail where they cannot be written."""
-        if path.suffix.lower() in ("", ".png", ".gif"):
-            require_matplotlib()
-        if not path.suffix:
-            OutputFolder().convert(path, param, ctx)
-            return
-        if path.suffix.lower() == ".png":
-            name = _NUMBERED.sub("", path.name, count=1)
-            if name == path.name or "%" in name:
-                self.fail(
-                    f"{path.name} names one picture for all frames; number them: frame_%03d.png.",
-                    param,
-                    ctx,
-                )
-        super().require(path, param, ctx)
 
 
 class _Surface(NamedTuple):
@@ -128,7 +101,7 @@ def animate(
     grid: tuple[int, ...] | None,
     topology: str | None,
     terms: Annotated[tuple[str, ...], _TERMS],
-    output: Annotated[Path, _AnimationFiles(*_ANIMATIONS, ".png")],
+    output: Annotated[Path, OutputFile(*_ANIMATIONS)],
     direction: Direction = Direction.NORMAL,
     frames: int = 48,
     seconds: float = 2.0,
@@ -147,8 +120,7 @@ def animate(
     terms
         Such as 1,1,cos=5, in the unit of FILE; 'spring 3=5' on a mesh. Repeat for more.
     output
-        .glb, .vtkhdf, .npz, .zip (of PLY), .gif, numbered pictures such as frame_%03d.png,
-        or a folder for them.
+        .glb, .vtkhdf, .npz, .zip (of PLY) or .gif.
     direction
         Direction in which the vertices move.
     frames
@@ -273,20 +245,8 @@ def _write_animation(output: Path, template: Template, motion: Any, step: float)
         fields = {"displacement": np.stack([*motion.heights()])}
         write_atomic(output, write_surfaces(motion.sequence(), form, fields))
         return
-    from modalmotion.pictures.modes import Extent, draw_frames, write_gif, write_png
+    from modalmotion.pictures.modes import Extent, draw_frames, write_gif
 
     extent = Extent(template, motion.positions(), motion.heights())
     pictures = draw_frames(template, motion.positions(), motion.heights(), extent)
-    if output.suffix.lower() == ".gif":
-        write_atomic(output, write_gif(pictures, step))
-        return
-    for path, picture in zip(_numbered(output, motion.n_frames), pictures, strict=True):
-        write_atomic(path, write_png(picture))
-
-
-def _numbered(output: Path, n_frames: int) -> Iterator[Path]:
-    """Name a picture for each frame: by the pattern, or in the folder."""
-    if output.suffix.lower() != ".png":
-        output.mkdir(parents=True, exist_ok=True)
-        output = output / f"frame_%0{len(str(n_frames - 1))}d.png"
-    return (output.with_name(output.name % frame) for frame in range(n_frames))
+    write_atomic(output, write_gif(pictures, step))

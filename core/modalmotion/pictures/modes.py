@@ -349,12 +349,3 @@ def write_gif(pictures: Iterable[NDArray[np.uint8]], seconds: float) -> bytes:
     duration = 10 * max(2, round(100 * seconds))
     first.save(buffer, format="GIF", save_all=True, append_images=images, duration=duration, loop=0)
     return buffer.getvalue()
-
-
-def write_png(picture: NDArray[np.uint8]) -> bytes:
-    """Write one picture as PNG."""
-    from PIL import Image
-
-    buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, format="PNG")
-    return buffer.getvalue()

@@ -287,10 +287,16 @@ def contours_in(plane: Plane, x: Floats, edges: Edges, shift: Floats) -> Floats:
 
 
 def _planes(image: Image, x: Floats) -> list[tuple[int, Plane]]:
-    """Choose planes to show, with their numbers; of a volume three through the surface's centre."""
+    """Choose planes to show, with their numbers; of a volume three through the surface's centre.
+
+    Of planes those that the surface passes through in all frames, if there are any.
+    """
     if isinstance(image, PlaneSet):
-        numbers = np.unique(np.linspace(0, len(image) - 1, _N_PLANES).round().astype(np.int64))
-        return [(k, image.planes[k]) for k in numbers.tolist()]
+        heights = [plane.heights(x.reshape(-1, 3)).reshape(x.shape[:2]) for plane in image.planes]
+        is_cut = [bool(((h.min(axis=1) < 0) & (h.max(axis=1) > 0)).all()) for h in heights]
+        numbers = np.flatnonzero(is_cut) if any(is_cut) else np.arange(len(image))
+        chosen = np.unique(np.linspace(0, len(numbers) - 1, _N_PLANES).round().astype(np.int64))
+        return [(k, image.planes[k]) for k in numbers[chosen].tolist()]
     return [(0, plane) for plane in _cuts(image, x)]
 
 

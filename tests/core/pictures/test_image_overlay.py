@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,3 +35,16 @@ def test_every_phase_is_drawn(image: PlaneSet | Volume) -> None:
         assert radii == pytest.approx(RADIUS, abs=1.5)
         aside = contours_in(plane, x, Edges.of(result.template.faces), 3.0 * plane.affine[:, 0])
         assert aside == pytest.approx(np.add(contour, (3.0, 0.0)))
+
+
+def test_slices_beside_the_surface_are_not_drawn() -> None:
+    own = planes()
+    first = own.planes[0]
+    far = [
+        replace(first, affine=first.affine + np.outer(height * first.normal, [0.0, 0.0, 1.0]))
+        for height in (-60.0, -50.0, -40.0, 110.0, 120.0)
+    ]
+    images = ImageSequence((PlaneSet((*far, *own.planes)),))
+    figure = overlay_figure(track(images, landmarks=LANDMARKS, modes=7), images)
+    assert len(figure.axes) == 4
+    assert all(axes.lines for axes in figure.axes)
