@@ -225,7 +225,9 @@ def call(
 
     def decorate(function: F) -> F:
         signature = inspect.signature(function)
-        kind, _, inner = str(signature.return_annotation).rstrip("]").rpartition("[")
+        # As it is written, without the modules of its names.
+        form = re.sub(r"\w+\.", "", str(signature.return_annotation))
+        kind, _, inner = form.rstrip("]").rpartition("[")
         # Of an object, the media type says how it is written.
         read = _READERS[accept if inner == "Info" and accept in _READERS else inner]
 

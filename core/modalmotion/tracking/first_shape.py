@@ -24,7 +24,7 @@ from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.closest import across
 from modalmotion.tracking.deformable import Deformable, require_unfolded
-from modalmotion.tracking.map_frames import evidence, first_guess, map_frame
+from modalmotion.tracking.map_frames import first_guess, map_frame, shape_evidence
 from modalmotion.tracking.noise import Noise
 from modalmotion.tracking.normal_equations import across_covariance
 from modalmotion.tracking.observation import Frame, ends_in
@@ -221,7 +221,7 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     for _ in range(_SHAPE_ROUNDS):
         own = map_frame(surface, frame, a, prior.variances(surface.wavenumbers), noise)
         a = own.amplitudes
-        prior, noise, _ = evidence(surface, [own], prior)
+        prior, noise = shape_evidence(surface, own, prior)
     shape = surface.positions(a)
     require_unfolded(surface, shape[None])
     fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)

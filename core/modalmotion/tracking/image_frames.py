@@ -41,10 +41,10 @@ from modalmotion.tracking.image_view import (
 from modalmotion.tracking.landmarks import Proposed, with_landmarks
 from modalmotion.tracking.map_frames import (
     FrameEstimate,
-    evidence,
     first_guess,
     map_frame,
     paths_from,
+    shape_evidence,
 )
 from modalmotion.tracking.moving_base import HELD, base_by_volume, ends_of_cup
 from modalmotion.tracking.noise import Noise, Prior
@@ -222,7 +222,7 @@ def search(
         change = float(np.linalg.norm(own.amplitudes - a))
         a = own.amplitudes
         if not is_known and step:
-            prior, noise, _ = evidence(surface, [own], prior)
+            prior, noise = shape_evidence(surface, own, prior)
             imaging = renewed(imaging, view)
         if change < _SMALL:
             break

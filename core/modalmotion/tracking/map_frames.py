@@ -190,6 +190,18 @@ def evidence(
     return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size)), truncations
 
 
+def shape_evidence(surface: Deformable, own: FrameEstimate, prior: Prior) -> tuple[Prior, Noise]:
+    """Find prior and noise of the one frame that a shape is taken from.
+
+    What the modes leave counts as that of amplitudes as large as the prior says.
+    """
+    found, noise, _ = evidence(surface, [own], prior)
+    moves = surface.wavenumbers > 0
+    v = found.variances(surface.wavenumbers)[moves]
+    energy = max(float((own.amplitudes[moves] ** 2 / v[:, None]).mean()), LEAST)
+    return found, replace(noise, truncation=noise.truncation / energy**0.5)
+
+
 def first_guess(surface: Deformable) -> tuple[Prior, Noise]:
     """Prior and noise before anything was seen."""
     prior = Prior.broad(surface.size)
