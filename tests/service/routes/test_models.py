@@ -24,6 +24,7 @@ from training_cohort import (
 from modalmotion.classification import DEFAULT_MODEL, load_model
 from modalmotion.formats import read_npz, write_npz
 from modalmotion.mesh.sequence import mesh_sequence
+from modalmotion.progress import Progress
 from modalmotion.signature.making import modal_signature
 from modalmotion.store import model_from_hdf5
 
@@ -292,15 +293,15 @@ def test_labels_and_subjects_may_be_stated_for_the_training(trained: Trained) ->
 def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.MonkeyPatch) -> None:
     from modalmotion_service.workspace import model_operations
 
-    seen: list[tuple[float, str]] = []
+    seen: list[Progress] = []
     original: Any = vars(model_operations)["train"]
 
     async def listening(*args: Any) -> Any:
         report = args[-1]
 
-        def told(share: float, text: str = "") -> None:
-            seen.append((share, text))
-            report(share, text)
+        def told(progress: Progress) -> None:
+            seen.append(progress)
+            report(progress)
             runner = trained.client.app.state.owners.local.runner  # type: ignore[attr-defined]
             trained.texts += runner._texts.values()
 
@@ -308,12 +309,12 @@ def test_a_training_says_how_far_it_is(trained: Trained, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(model_operations, "train", listening)
     train(trained.client, "told", trained.ids, options=QUICK)
-    shares = [share for share, _ in seen]
+    shares = [one.share for one in seen]
     assert shares == sorted(shares)
-    assert (0.5, f"signature {len(trained.ids)} of {len(trained.ids)}") in seen
+    assert Progress(0.5, stage=f"signature {len(trained.ids)} of {len(trained.ids)}") in seen
     assert all(0 < share <= 1 for share in shares)
-    assert all(text for _, text in seen)
-    assert {text for _, text in seen} == set(trained.texts)
+    assert all(one.stage for one in seen)
+    assert {one.stage for one in seen} == set(trained.texts)
 
 
 @pytest.mark.thorough
