@@ -1,4 +1,4 @@
-"""Images in space: volumes, sets of planes, their sequences, and profiles through them."""
+"""Images in space: volumes, sets of planes and their sequences."""
 
 from modalmotion.images.volume import ImageSequence, Plane, PlaneSet, Volume
 
