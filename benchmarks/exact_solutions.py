@@ -18,7 +18,7 @@ import modalmotion as mm
 from modalmotion.mesh.laplacian import graph_laplacian
 from modalmotion.modes import Oscillators, State, exact_step
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CLOSED, End
+from modalmotion.modes.topologies import CLOSED, End
 from modalmotion.tracking import track
 from modalmotion.tracking.map_frames import joined
 

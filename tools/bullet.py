@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import Cavity, Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.simulate.cohort import MotionClass
 from modalmotion.simulate.surface import random_rotation, rotation_matrix
 

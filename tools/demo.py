@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from modalmotion.cli.options import OutputFolder
+from modalmotion.cli.shared import OutputFolder
 from modalmotion.client import Client
 from modalmotion.errors import InputError, ModalMotionError
 from modalmotion.formats import read_npz, write_npz

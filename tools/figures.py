@@ -26,7 +26,7 @@ from modalmotion.clinical import clinical_readouts
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes import dispersion, group_velocity, phase_velocity
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CYLINDER,
     OPEN_CURVE,
     PLANE,

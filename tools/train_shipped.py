@@ -31,7 +31,7 @@ from modalmotion.classification.model_files import (
 from modalmotion.classification.options import TrainingOptions
 from modalmotion.classification.training import train
 from modalmotion.mesh.sequence import MeshSequence, lattice_faces, mesh_sequence
-from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.modes.topologies import CUP, CYLINDER
 from modalmotion.notes import Note
 from modalmotion.representation import plain
 from modalmotion.signature.making import (

@@ -74,15 +74,15 @@ if TYPE_CHECKING:
     from modalmotion.modes.lattice import Lattice as Lattice
     from modalmotion.modes.lattice import project as project
     from modalmotion.modes.lattice import superpose as superpose
-    from modalmotion.modes.topology import CLOSED_CURVE as CLOSED_CURVE
-    from modalmotion.modes.topology import CUP as CUP
-    from modalmotion.modes.topology import CYLINDER as CYLINDER
-    from modalmotion.modes.topology import OPEN_CURVE as OPEN_CURVE
-    from modalmotion.modes.topology import PLANE as PLANE
-    from modalmotion.modes.topology import SPHERE as SPHERE
-    from modalmotion.modes.topology import TORUS as TORUS
-    from modalmotion.modes.topology import End as End
-    from modalmotion.modes.topology import Topology as Topology
+    from modalmotion.modes.topologies import CLOSED_CURVE as CLOSED_CURVE
+    from modalmotion.modes.topologies import CUP as CUP
+    from modalmotion.modes.topologies import CYLINDER as CYLINDER
+    from modalmotion.modes.topologies import OPEN_CURVE as OPEN_CURVE
+    from modalmotion.modes.topologies import PLANE as PLANE
+    from modalmotion.modes.topologies import SPHERE as SPHERE
+    from modalmotion.modes.topologies import TORUS as TORUS
+    from modalmotion.modes.topologies import End as End
+    from modalmotion.modes.topologies import Topology as Topology
     from modalmotion.reports import Report as Report
     from modalmotion.reports.page import report as report
     from modalmotion.signature import measure_tradeoff as measure_tradeoff

@@ -21,8 +21,6 @@
             └── LostFileError           one that is gone, though nobody deleted it
 """
 
-from __future__ import annotations
-
 import copy
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Limits on the size of an input, checked on its declared sizes before it is read."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -42,7 +40,7 @@ class ReadLimits:
 
     def of_file(
         self, n_bytes: int, ratio: int = UNFOLDING, least: int = SMALLEST_UNFOLDING
-    ) -> ReadLimits:
+    ) -> "ReadLimits":
         """Limits on a file of that size, so that a small one is never much work.
 
         Parameters

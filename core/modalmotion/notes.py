@@ -1,7 +1,5 @@
 """Notes on a result: what its reader should know, each with a code and the numbers in it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
@@ -410,7 +408,7 @@ class Note:
         return words in self.text
 
     @staticmethod
-    def of(code: str, /, **data: Any) -> Note:
+    def of(code: str, /, **data: Any) -> "Note":
         """Word the note of a code, with its data."""
         plain = {name: one.item() if hasattr(one, "item") else one for name, one in data.items()}
         return Note(code, WORDS[code].format(**plain), plain)

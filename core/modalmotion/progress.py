@@ -1,7 +1,5 @@
 """Progress of long work, and the milliseconds of its stages."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping

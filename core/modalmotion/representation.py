@@ -1,7 +1,5 @@
 """How values are shown: in one line, in tables, numbers in words; and types of arrays."""
 
-from __future__ import annotations
-
 import csv
 import io
 import unicodedata
@@ -14,9 +12,14 @@ from typing import Any, Final, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+Array: TypeAlias = NDArray[Any]
 Floats: TypeAlias = NDArray[np.float64]
+Singles: TypeAlias = NDArray[np.float32]
+FloatArray: TypeAlias = Singles | Floats
+Complexes: TypeAlias = NDArray[np.complex128]
 Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
+Bytes: TypeAlias = NDArray[np.uint8]
 
 T = TypeVar("T")
 

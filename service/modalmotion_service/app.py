@@ -12,12 +12,11 @@ from fastapi.middleware.cors import CORSMiddleware
 from fastapi.routing import APIRoute
 
 from modalmotion.hdf5.image import INTENDED_USE
+from modalmotion_service import document, errors
 from modalmotion_service.access.audit import AuditLog, Lines
 from modalmotion_service.access.keys import KeyRing, KeySnapshot
 from modalmotion_service.access.logins import logins_of
 from modalmotion_service.access.rates import Rates
-from modalmotion_service.document import completed
-from modalmotion_service.errors import NeedsStoreError
 from modalmotion_service.http import middleware, problems
 from modalmotion_service.http.gate import Access, Gate, require_gate
 from modalmotion_service.http.gated_router import BODIES
@@ -35,8 +34,7 @@ from modalmotion_service.routes import (
 from modalmotion_service.routes.asked import EXAMPLES
 from modalmotion_service.schemas.general import Problem
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.pool import WorkerPool, open_engine
-from modalmotion_service.work.upload import say_whether_confined
+from modalmotion_service.work import pool, upload
 from modalmotion_service.workspace.job_runner import for_ever
 from modalmotion_service.workspace.owners import Owners, trainings_at_once
 
@@ -44,7 +42,7 @@ from modalmotion_service.workspace.owners import Owners, trainings_at_once
 class _App(FastAPI):
     def openapi(self) -> dict[str, Any]:
         if self.openapi_schema is None:
-            self.openapi_schema = completed(super().openapi(), BODIES, Problem, EXAMPLES)
+            self.openapi_schema = document.completed(super().openapi(), BODIES, Problem, EXAMPLES)
         return self.openapi_schema
 
 
@@ -95,11 +93,11 @@ def create_app(settings: Settings | None = None, telemetry: Telemetry | None = N
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        engine = await asyncio.to_thread(open_engine, chosen)
+        engine = await asyncio.to_thread(pool.open_engine, chosen)
         if engine.are_parsers_confined is not None:
-            say_whether_confined()
+            upload.say_whether_confined()
         # Processes of its own, on this machine: no request waits for a training.
-        training_pool = WorkerPool(
+        training_pool = pool.WorkerPool(
             trainings_at_once(chosen),
             chosen.training_seconds,
             chosen.task_memory_bytes,
@@ -217,7 +215,7 @@ def stateless_routes(routes: Iterable[APIRoute]) -> list[APIRoute]:
 
 
 def _refuse() -> NoReturn:
-    raise NeedsStoreError(
+    raise errors.NeedsStoreError(
         "This service keeps nothing, and the call needs a store.",
         remedy="Send the sequence with POST /v1/signature or POST /v1/classify, which need none, "
         "or ask a service that was started without --stateless.",

@@ -11,8 +11,7 @@ from typing import Any, Final, Literal
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
-from modalmotion.errors import ParameterError
-from modalmotion.formats import ReadLimits
+from modalmotion import errors, formats
 
 
 class Settings(BaseSettings):
@@ -169,9 +168,9 @@ class Settings(BaseSettings):
         return self.max_concurrent_requests - self.max_concurrent_requests // 4
 
     @property
-    def read_limits(self) -> ReadLimits:
+    def read_limits(self) -> formats.ReadLimits:
         """Limits that every reader of uploads applies."""
-        return ReadLimits(
+        return formats.ReadLimits(
             frames=self.max_frames,
             vertices=self.max_vertices,
             faces=self.max_faces,
@@ -179,7 +178,7 @@ class Settings(BaseSettings):
         )
 
     @property
-    def image_limits(self) -> ReadLimits:
+    def image_limits(self) -> formats.ReadLimits:
         """The same of images."""
         return replace(self.read_limits, decompressed_bytes=self.max_image_bytes)
 
@@ -225,7 +224,7 @@ def read_settings(**stated: Any) -> Settings:
             f"{_PREFIX}{str(fault['loc'][0]).upper()} is {fault['input']!r}: {fault['msg']}."
             for fault in error.errors()
         ]
-        raise ParameterError(
+        raise errors.ParameterError(
             " ".join(faults), remedy="docs/service.md lists the settings with their defaults."
         ) from error
 

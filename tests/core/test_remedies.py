@@ -26,7 +26,7 @@ from modalmotion.formats.named_arrays import read_raw
 from modalmotion.mesh import Facts, facts_from_texts
 from modalmotion.mesh.sequence import MEAN, MeshSequence, mesh_sequence
 from modalmotion.modes.lattice import modes_named
-from modalmotion.modes.topology import CUP, parse_label
+from modalmotion.modes.topologies import CUP, parse_label
 from modalmotion.signature.distance import compare
 from modalmotion.signature.making import (
     ModalSignature,

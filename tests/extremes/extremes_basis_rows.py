@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes import ModeLabel, ModeSet
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import OPEN_CURVE
+from modalmotion.modes.topologies import OPEN_CURVE
 
 Row = tuple[str, str, Callable[[], float], float, Callable[[], float] | None]
 

@@ -15,7 +15,7 @@ from extremes_motion_rows import beat
 from modalmotion.errors import ModeCountError, NonFiniteError
 from modalmotion.modes import lowest_modes
 from modalmotion.modes.lattice import Lattice, project, superpose
-from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
+from modalmotion.modes.topologies import CUP, CYLINDER, SPHERE
 
 Row = tuple[str, str, Callable[[], float], float, Callable[[], float] | None]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError
 from modalmotion.modes import ModeLabel, ModeSet, all_modes, lowest_modes, whole_count
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED_CURVE,
     CUP,
     CYLINDER,

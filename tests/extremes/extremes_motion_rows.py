@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from modalmotion.modes import ModeSet, lowest_modes
 from modalmotion.modes.lattice import Lattice, project, project_all, superpose, superpose_all
-from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, TORUS, lattice_coordinates
+from modalmotion.modes.topologies import CUP, CYLINDER, SPHERE, TORUS, lattice_coordinates
 
 Row = tuple[str, str, Callable[[], float], float, Callable[[], float] | None]
 

@@ -26,7 +26,7 @@ from modalmotion.modes import (
     step_response,
 )
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 
 EPS: Final = float(np.finfo(np.float64).eps)
 WITHIN_TEN: Final = 1e-14

@@ -13,7 +13,7 @@ from modalmotion.codec import decode, encode
 from modalmotion.exports.signature_pack import SurfaceFormat, write_superposed
 from modalmotion.formats import read_npz, write_raw
 from modalmotion.mesh import lattice_faces
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.pictures.modes import template_figure
 from modalmotion.pictures.signature import tradeoff_figure
 from modalmotion.signature import measure_tradeoff

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED,
     CLOSED_CURVE,
     CUP,

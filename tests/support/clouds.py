@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from modalmotion.mesh import face_normals
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import SPHERE
+from modalmotion.modes.topologies import SPHERE
 from modalmotion.tracking import Observation
 from modalmotion.tracking.closest import closest_points
 

@@ -11,7 +11,7 @@ from scipy import fft
 
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 
 Make = Callable[[np.random.Generator], MeshSequence]
 

@@ -15,7 +15,7 @@ from store_samples import (
 )
 
 from modalmotion.store import ResultStore
-from modalmotion.store.folder import Folder, ResultName
+from modalmotion.store.folders import Folder, ResultName
 
 N = 4
 

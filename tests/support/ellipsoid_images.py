@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from modalmotion.images import Plane, PlaneSet, Volume
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.template import Template, make_template
 
 Floats = NDArray[np.float64]

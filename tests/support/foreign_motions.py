@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from modalmotion.formats import read_sequence
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.simulate import Acquisition, MotionClass, draw_parameters, simulate_ventricle
 
 Floats = NDArray[np.float64]

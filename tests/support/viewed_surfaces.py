@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS
+from modalmotion.modes.topologies import CUP, CYLINDER, PLANE, SPHERE, TORUS
 from modalmotion.signature.making import ModalSignature, modal_signature
 from modalmotion.signature.parameters import SignatureKind, SignatureParameters
 from modalmotion.template.body_frame import Components

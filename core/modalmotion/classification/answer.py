@@ -1,7 +1,5 @@
 """The answer of a model for a motion: a class and what moved it, or the reason for none."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from contextlib import suppress
@@ -12,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from modalmotion import errors, mesh
 from modalmotion.arguments.checking import Plotted, Saved
 from modalmotion.classification.model import Model, Readable, holds
 from modalmotion.classification.model_files import (
@@ -23,19 +22,10 @@ from modalmotion.classification.model_files import (
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import AXIS, VOLUME, volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
-from modalmotion.errors import (
-    ModalMotionError,
-    ModeCountError,
-    ParameterError,
-    TopologyError,
-    UnlikeCasesError,
-    named,
-)
 from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
-from modalmotion.mesh import UNKNOWN
+from modalmotion.mesh import spring_modes
 from modalmotion.mesh.sequence import MEAN, MeshSequence
-from modalmotion.mesh.spring_modes import Modes, common_count
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.notes import Note, notes_from_json
 from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature.making import (
@@ -182,7 +172,7 @@ def classify(
         If the coverage is not above 0 and below 1.
     """
     if not 0.0 < coverage < 1.0:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The coverage is {coverage!r}.",
             remedy="Use a share above 0 and below 1, such as 0.9.",
             details={"coverage": str(coverage)},
@@ -265,18 +255,18 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
         try:
             signature = modal_signature(sequence, readable.parameters)
             imposed = readable.imposed_on(signature.surface, sequence.topology)
-        except TopologyError:
+        except errors.TopologyError:
             signature = modal_signature(sequence, replace(readable.parameters, topology=None))
             imposed = readable.imposed_on(signature.surface, sequence.topology)
-    except ModeCountError as error:
-        raise ModeCountError(
+    except errors.ModeCountError as error:
+        raise errors.ModeCountError(
             f"The model reads {readable.n_modes} modes, and these vertices determine "
             f"fewer. {error.message}",
             remedy="Send a finer mesh, or train a model on recordings like this one: it reads as "
             "many modes as they have.",
             details=error.details,
         ) from error
-    with suppress(TopologyError):
+    with suppress(errors.TopologyError):
         return signature if imposed is None else modal_signature(sequence, imposed)
     return signature
 
@@ -296,20 +286,20 @@ def signature_in(
     try:
         signature = fitted_in(readable, motion) if isinstance(motion, MeshSequence) else motion
         if (reason := unlike(signature, readable)) is not None:
-            raise UnlikeCasesError(
+            raise errors.UnlikeCasesError(
                 f"It does not compare with the others: {reason.words}.",
                 remedy="Give the sequence itself, which is then fitted as the others were.",
                 details={"sequence_id": signature.sequence_id},
             )
-    except ModalMotionError as error:
-        raise named(error, name) from error
+    except errors.ModalMotionError as error:
+        raise errors.named(error, name) from error
     return signature
 
 
 def unlike(signature: ModalSignature, readable: Readable) -> Flag | None:
     """Give the reason why a signature is not readable; None if it is."""
     own, required, modes = signature.parameters, readable.parameters, signature.modes
-    n, n_own, what = readable.n_modes, common_count(modes), UNREADABLE
+    n, n_own, what = readable.n_modes, spring_modes.common_count(modes), UNREADABLE
     if signature.n_frames < 2:
         words = "one frame shows no motion. Send at least two"
     elif signature.kind != required.kind:
@@ -379,7 +369,7 @@ def _unreadable(signature: ModalSignature, model: Model) -> Flag | None:
 def _notes(signature: ModalSignature, model: Model) -> list[Note]:
     """Note what a user should know of the recording."""
     notes = []
-    if model.name == NORMAL_DISPLACEMENT_MODEL and signature.facts.tracking == UNKNOWN:
+    if model.name == NORMAL_DISPLACEMENT_MODEL and signature.facts.tracking == mesh.UNKNOWN:
         notes.append(_TRACKING_NOTE)
     share = signature.deviation_share
     if share:
@@ -449,7 +439,7 @@ def _explanation(
 
 
 @lru_cache(maxsize=32)
-def _groups(modes: Modes) -> tuple[list[tuple[str, ...]], Floats]:
+def _groups(modes: spring_modes.Modes) -> tuple[list[tuple[str, ...]], Floats]:
     """Labels of modes that are explained together, and which these are, (modes, groups)."""
     groups = waves_of(modes, walls=False).modes
     labels = [tuple(str(modes.labels[k]) for k in group) for group in groups]
@@ -477,9 +467,9 @@ _OF_ANSWER: Final = ("classes", "label", "class_set", "coverage", "flags", "note
 def classification_key(
     parameters: SignatureParameters,
     coverage: float,
-    tracking: str = UNKNOWN,
-    handedness: str = UNKNOWN,
-    cavity: str = UNKNOWN,
+    tracking: str = mesh.UNKNOWN,
+    handedness: str = mesh.UNKNOWN,
+    cavity: str = mesh.UNKNOWN,
 ) -> str:
     """Short name of a request to a model.
 
@@ -494,7 +484,7 @@ def classification_key(
     handedness, cavity : str
         Of the coordinates, and what the surface encloses: facts that answers depend on.
     """
-    facts = [f" {one}" for one in (tracking, handedness, cavity) if one != UNKNOWN]
+    facts = [f" {one}" for one in (tracking, handedness, cavity) if one != mesh.UNKNOWN]
     text = f"{parameters.key} {coverage!r}{''.join(facts)}"
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

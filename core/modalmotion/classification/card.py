@@ -1,7 +1,5 @@
 """The card of a model, and its record: what is known of it without reading its arrays."""
 
-from __future__ import annotations
-
 import html
 import json
 import re
@@ -114,7 +112,7 @@ class ModelCard(Plotted):
         return listed
 
     @staticmethod
-    def from_json(values: Mapping[str, Any]) -> ModelCard:
+    def from_json(values: Mapping[str, Any]) -> "ModelCard":
         """Read the output of `as_json`."""
         plain = {name: _tuples(value) for name, value in values.items()}
         return ModelCard(**{**plain, "notes": notes_from_json(values["notes"])})

@@ -1,28 +1,16 @@
 """Labelled recordings that models are trained and tested on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
-from modalmotion.errors import (
-    CorruptFileError,
-    InputError,
-    ModalMotionError,
-    ModeCountError,
-    NotFoundError,
-    ParameterError,
-    named,
-)
-from modalmotion.mesh import Facts
+from modalmotion import errors, mesh, notes
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.notes import Note
 from modalmotion.representation import counted, shown
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 
-UNUSABLE: Final = (InputError, NotFoundError, CorruptFileError)
+UNUSABLE: Final = (errors.InputError, errors.NotFoundError, errors.CorruptFileError)
 """Errors of one case. Others, such as a full disk, are of all cases and end a training."""
 
 # Cases that a card names; a longer list is a matter for the sender's own tables.
@@ -61,7 +49,7 @@ class TrainingCase:
     sequence: Callable[[], MeshSequence | None] | None = None
 
     def __post_init__(self) -> None:
-        facts = Facts(covariates=self.covariates).over(self.motion.facts)
+        facts = mesh.Facts(covariates=self.covariates).over(self.motion.facts)
         if facts != self.motion.facts:
             object.__setattr__(self, "motion", replace(self.motion, facts=facts))
         object.__setattr__(self, "covariates", self.motion.facts.covariates)
@@ -82,7 +70,9 @@ class TrainingCase:
             If it is a sequence, which must be fitted first.
         """
         if isinstance(self.motion, MeshSequence):
-            raise ParameterError("A sequence has no signature yet.", remedy="Fit it with `fitted`.")
+            raise errors.ParameterError(
+                "A sequence has no signature yet.", remedy="Fit it with `fitted`."
+            )
         return self.motion
 
     def read_sequence(self) -> MeshSequence | None:
@@ -91,7 +81,7 @@ class TrainingCase:
             return self.motion
         return None if self.sequence is None else self.sequence()
 
-    def fitted(self, parameters: SignatureParameters, fewer: Sequence[int] = ()) -> TrainingCase:
+    def fitted(self, parameters: SignatureParameters, fewer: Sequence[int] = ()) -> "TrainingCase":
         """Fit a sequence; a signature stays what it is.
 
         Parameters
@@ -110,10 +100,10 @@ class TrainingCase:
             return self
         try:
             return replace(self, motion=modal_signature(self.motion, parameters))
-        except ModalMotionError as error:
-            if fewer and isinstance(error, ModeCountError):
+        except errors.ModalMotionError as error:
+            if fewer and isinstance(error, errors.ModeCountError):
                 return self.fitted(replace(parameters, modes=fewer[0]), fewer[1:])
-            raise named(error, self.name) from error
+            raise errors.named(error, self.name) from error
 
 
 @shown()
@@ -157,8 +147,8 @@ class CaseFile:
 
         try:
             signature = signature_from_hdf5(self.path)
-        except ModalMotionError as error:
-            raise named(error, "", sequence_id=self.sequence_id) from error
+        except errors.ModalMotionError as error:
+            raise errors.named(error, "", sequence_id=self.sequence_id) from error
         return TrainingCase(signature, self.label, self.subject, covariates=self.covariates)
 
 
@@ -188,7 +178,7 @@ def as_case(item: Any, number: int) -> TrainingCase:
     if isinstance(case, MeshSequence | ModalSignature):
         case = TrainingCase(case, "")
     if not isinstance(case, TrainingCase):
-        raise ParameterError(
+        raise errors.ParameterError(
             f"Case {number} is a {type(case).__name__}, not a recording.",
             remedy="Give MeshSequences, ModalSignatures or TrainingCases.",
             details={"case": number},
@@ -215,7 +205,7 @@ class LeftOut(NamedTuple):
     reason: str
 
     @staticmethod
-    def of(error: ModalMotionError, name: str) -> LeftOut:
+    def of(error: errors.ModalMotionError, name: str) -> "LeftOut":
         """Leave a case out for an error, which may name it already."""
         return LeftOut(name, error.message.removeprefix(f"{name}: "))
 
@@ -223,13 +213,13 @@ class LeftOut(NamedTuple):
         return f"{self.name}: {self.reason}"
 
 
-def left_out_notes(cases: Sequence[LeftOut]) -> tuple[Note, ...]:
+def left_out_notes(cases: Sequence[LeftOut]) -> tuple[notes.Note, ...]:
     """Name the cases that were left out, for a card or a summary."""
     if not cases:
         return ()
     more = len(cases) - _MOST_NAMED
     return (
-        Note.of("cases_left_out", n_cases=len(cases)),
-        *(Note.of("case_left_out", case=str(case)) for case in cases[:_MOST_NAMED]),
-        *((Note.of("cases_also_left_out", cases=counted(more, "case")),) if more > 0 else ()),
+        notes.Note.of("cases_left_out", n_cases=len(cases)),
+        *(notes.Note.of("case_left_out", case=str(case)) for case in cases[:_MOST_NAMED]),
+        *((notes.Note.of("cases_also_left_out", cases=counted(more, "case")),) if more > 0 else ()),
     )

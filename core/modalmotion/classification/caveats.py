@@ -1,7 +1,5 @@
 """What to heed of a cohort: slips of the pen, and conditions that separate the classes."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -173,7 +171,7 @@ def _parts_of(values: Sequence[float | str | None]) -> Ints:
     return place
 
 
-def _exchanged(y: Ints, groups: Ints, rng: np.random.Generator) -> Ints:
+def _exchanged(y: Ints, groups: Ints, rng: "np.random.Generator") -> Ints:
     """Classes exchanged among subjects, (permutations, cases)."""
     _, place, sizes = np.unique(groups, return_inverse=True, return_counts=True)
     order = np.argsort(place, kind="stable")

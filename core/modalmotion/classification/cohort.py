@@ -1,7 +1,5 @@
 """Labelled recordings as training reads them: their motions in one basis, labels and subjects."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 from collections import Counter
@@ -13,6 +11,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import scipy
 
+from modalmotion import errors, template
+from modalmotion.classification import caveats, model, motion_features
 from modalmotion.classification.cases import (
     UNUSABLE,
     AnyCase,
@@ -20,22 +20,16 @@ from modalmotion.classification.cases import (
     TrainingCase,
     left_out_notes,
 )
-from modalmotion.classification.caveats import cohort_notes
-from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
-from modalmotion.classification.motion_features import states_walls
 from modalmotion.classification.options import FEWER_MODES, OnError, TrainingOptions
-from modalmotion.errors import ModalMotionError, ParameterError, UnlikeCasesError
-from modalmotion.mesh.sequence import MEAN
-from modalmotion.mesh.spring_modes import common_count
-from modalmotion.modes.topology import MESH
+from modalmotion.mesh import sequence, spring_modes
+from modalmotion.modes.topologies import MESH
 from modalmotion.notes import Note
 from modalmotion.progress import Reporter, reported
 from modalmotion.representation import Ints
 from modalmotion.signature.making import ModalSignature, SignatureKind, SignatureParameters
 from modalmotion.signature.value import first_modes
-from modalmotion.template import GivenLandmarks
-from modalmotion.template.body_frame import Components
+from modalmotion.template import body_frame
 
 # Cases that are read in one piece of work: some 0.1 s of it.
 _IN_ONE_PIECE: Final = 16
@@ -71,7 +65,7 @@ class Cohort:
     notes : tuple of Note
     """
 
-    readable: Readable
+    readable: model.Readable
     motions: tuple[Motion, ...]
     classes: tuple[str, ...]
     y: Ints
@@ -153,7 +147,7 @@ def collect_cohorts(
         return tuple(cohorts)
     try:
         second = in_each(others, replace(first, kind=SignatureKind.NORMAL_DISPLACEMENT))
-    except ModalMotionError:
+    except errors.ModalMotionError:
         return tuple(cohorts)
     second = [one for one in second if one.readable.parameters.kind != SignatureKind.MATERIAL]
     if second and trackings == {"normal_displacement"}:
@@ -185,22 +179,22 @@ def basis_of(signature: ModalSignature) -> tuple[Any, ...]:
     p, modes = signature.parameters, signature.modes
     return (
         *(signature.surface, modes.connectivity_id, p.kind, p.remove_rotation),
-        *(p.components, p.reference == MEAN),
+        *(p.components, p.reference == sequence.MEAN),
     )
 
 
-def readable_of(signatures: Sequence[ModalSignature]) -> Readable:
+def readable_of(signatures: Sequence[ModalSignature]) -> model.Readable:
     """Describe what signatures of one basis share: their common first modes."""
     first = signatures[0]
     parameters = replace(
         first.parameters,
-        modes=min(common_count(signature.modes) for signature in signatures),
+        modes=min(spring_modes.common_count(signature.modes) for signature in signatures),
         template=None,
-        landmarks=GivenLandmarks(),
-        reference=MEAN if first.parameters.reference == MEAN else 0,
+        landmarks=template.GivenLandmarks(),
+        reference=sequence.MEAN if first.parameters.reference == sequence.MEAN else 0,
     )
     n = int(parameters.modes or 0)
-    return Readable(first.surface, n, first.modes.connectivity_id, parameters)
+    return model.Readable(first.surface, n, first.modes.connectivity_id, parameters)
 
 
 class Alike(NamedTuple):
@@ -216,7 +210,7 @@ class Alike(NamedTuple):
         """Signatures of the cases."""
         return [case.signature for case in self.cases]
 
-    def commonest(self) -> Alike:
+    def commonest(self) -> "Alike":
         """Keep the cases of the commonest basis; leave the others out."""
         bases = list(map(basis_of, self.signatures))
         most = Counter(bases).most_common(1)[0][0] if bases else None
@@ -282,7 +276,7 @@ def alike(
         for name in (*(surface for surface in surfaces if surface != MESH), MESH):
             try:
                 other = read_in(replace(parameters, topology=name))
-            except ModalMotionError:
+            except errors.ModalMotionError:
                 continue
             most = other.commonest()
             if leaves_out or len(most.cases) == len(other.cases):
@@ -293,7 +287,7 @@ def alike(
         odd = kept.left_out
         names = ", ".join(case.name for case in odd[:_MOST_NAMED])
         names += ", and others" if len(odd) > _MOST_NAMED else ""
-        raise UnlikeCasesError(
+        raise errors.UnlikeCasesError(
             f"The recordings do not compare: {len(odd)} have other modes than most ({names}). "
             f"{odd[0].reason}",
             remedy="Leave them out (--skip-unreadable, on_error = 'leave out'), state one topology "
@@ -357,12 +351,12 @@ def _require_usable(signature: ModalSignature, called: str) -> None:
     s, fault, remedy = signature, "", "Leave it out."
     if s.n_frames < 2:
         fault = "has one frame, which shows no motion"
-    elif s.parameters.components != Components.CARTESIAN:
+    elif s.parameters.components != body_frame.Components.CARTESIAN:
         fault, remedy = "has no Cartesian amplitudes", "Fit it with components = cartesian."
     elif not s.modes.length_of(s.lengths, s.angular_frequencies, 1.0) > 0.0:
         fault, remedy = "has no extent in its reference frame", "Choose another reference."
     if fault:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"{called} {fault}.", remedy=remedy, details={"sequence_id": s.sequence_id}
         )
 
@@ -372,14 +366,14 @@ def _cohort(read: Alike, options: TrainingOptions) -> Cohort:
     for number, case in zip(read.numbers, read.cases, strict=True):
         called = case.name or f"case {number}"
         if not str(case.label or "").strip():
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"{called} has no label.",
                 remedy="Give every case its class.",
                 details={"case": number},
             )
         first = rows.setdefault(case.sequence_id, (number, case))[1]
         if first.label != case.label:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"{called} has two classes, {first.label!r} and {case.label!r}"
                 + (f" (as {first.name})." if first.name not in ("", called) else "."),
                 remedy="Give each recording one class.",
@@ -389,7 +383,7 @@ def _cohort(read: Alike, options: TrainingOptions) -> Cohort:
     classes = tuple(sorted({case.label for case in cases}))
     if len(classes) < 2:
         without = f", without the {len(read.left_out)} that were left out" if read.left_out else ""
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The training cases have {len(classes)} class(es){without}.",
             remedy="Give cases of at least two classes.",
             details={"classes": list(classes), "left_out": [str(c) for c in read.left_out[:20]]},
@@ -416,8 +410,8 @@ def _cohort(read: Alike, options: TrainingOptions) -> Cohort:
         conditions=tuple(map(conditions_of, signatures)),
         numbers=np.array(numbers),
         n_given=len(read.cases) + len(read.left_out),
-        walls=states_walls(motions),
-        notes=(*notes, *cohort_notes(cases, [motion.log_size for motion in motions])),
+        walls=motion_features.states_walls(motions),
+        notes=(*notes, *caveats.cohort_notes(cases, [motion.log_size for motion in motions])),
     )
 
 
@@ -438,7 +432,7 @@ def _values_of(column: str, cases: Sequence[TrainingCase]) -> Iterator[str]:
     stated = [{k.casefold(): v for k, v in case.covariates.items()} for case in cases]
     known = sorted({name for case in cases for name in case.covariates})
     if column.casefold() not in map(str.casefold, known):
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The option 'groups' names the covariate {column[:80]!r}, which no case has.",
             remedy="Use a column of the manifest or a covariate of the cases: "
             f"{', '.join(known) or 'there is none'}.",

@@ -1,7 +1,5 @@
 """How models do on labelled cases that they have not seen, alone and compared."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -58,7 +56,7 @@ class CaseAnswer:
     flags: tuple[str, ...]
 
     @staticmethod
-    def of(case: TrainingCase, result: Classification) -> CaseAnswer:
+    def of(case: TrainingCase, result: Classification) -> "CaseAnswer":
         """Put a case and a model's answer together."""
         return CaseAnswer(
             name=case.name,

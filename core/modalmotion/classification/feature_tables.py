@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from modalmotion.classification import cohort, options
 from modalmotion.classification.cases import AnyCase, LeftOut, TrainingCase
-from modalmotion.classification.cohort import alike
-from modalmotion.classification.options import OnError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Reporter
 from modalmotion.representation import Floats, csv_text, shown
@@ -94,7 +93,7 @@ def feature_table(
     cases: Iterable[AnyCase | MeshSequence | ModalSignature],
     features: SignatureFeatures | None = None,
     *,
-    on_error: OnError | str = OnError.RAISE,
+    on_error: options.OnError | str = options.OnError.RAISE,
     progress: Reporter | None = None,
 ) -> FeatureTable:
     """Read the features of a cohort.
@@ -126,10 +125,10 @@ def feature_table(
         TrainingCase(one, "") if isinstance(one, MeshSequence | ModalSignature) else one
         for one in cases
     ]
-    read = alike(
+    read = cohort.alike(
         sources,
         transformer.signature_parameters,
-        leaves_out=OnError(on_error) == OnError.LEAVE_OUT,
+        leaves_out=options.OnError(on_error) == options.OnError.LEAVE_OUT,
         progress=progress,
     )[0]
     values = transformer.fit_transform(read.cases)

@@ -1,7 +1,5 @@
 """Fits to some cases of a cohort, weighed by cases left out, and the folds of cross-validation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple

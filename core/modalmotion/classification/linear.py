@@ -1,7 +1,5 @@
 """Discriminant analysis with a shrunk covariance, and probabilities that are reliable."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
@@ -36,7 +34,7 @@ class Linear(NamedTuple):
         """Scores, (cases, classes)."""
         return np.asarray(X @ self.weights + self.intercepts)
 
-    def times(self, factor: float) -> Linear:
+    def times(self, factor: float) -> "Linear":
         """Multiply the scores."""
         return Linear(self.weights * factor, self.intercepts * factor)
 

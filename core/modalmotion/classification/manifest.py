@@ -1,7 +1,5 @@
 """Labelled files: the rows of a table, or files in folders named by class."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re
@@ -11,11 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from modalmotion import formats, mesh
 from modalmotion.classification.cases import TrainingCase
 from modalmotion.errors import MalformedFileError, ModalMotionError, ParameterError, named
-from modalmotion.formats import ReadOptions
 from modalmotion.formats.parser_process import parser_of_thread
-from modalmotion.mesh import NO_FACTS, Facts, column_of, facts_in, states_fact
 from modalmotion.tracking.recordings import sequence_of
 
 COLUMNS: Final = ("path", "label", "subject")
@@ -51,7 +48,7 @@ class LabelledFile:
     path: Path
     label: str
     subject: str | None
-    facts: Facts = NO_FACTS
+    facts: mesh.Facts = mesh.NO_FACTS
     url: str | None = None
 
 
@@ -127,7 +124,7 @@ class Row:
     path: str
     label: str | None
     subject: str | None
-    facts: Facts
+    facts: mesh.Facts
 
 
 def manifest_rows(text: str, name: str, needed: Sequence[str] = COLUMNS[:1]) -> Iterator[Row]:
@@ -176,12 +173,12 @@ def manifest_rows(text: str, name: str, needed: Sequence[str] = COLUMNS[:1]) -> 
 
 
 def _heading(cells: list[str], needed: Sequence[str], where: str, line: int) -> list[str]:
-    given = [column_of(name) for name in cells]
+    given = [mesh.column_of(name) for name in cells]
     names = [name if _ALSO.get(name, name) in given else _ALSO.get(name, name) for name in given]
     if missing := [name for name in needed if name not in names]:
         found = ", ".join(map(repr, names[:5]))[:80]
         raise _wrong(f"{where} has no column '{missing[0]}', only {found or 'nothing'}.", line)
-    known = (name for name in names if name in COLUMNS or states_fact(name))
+    known = (name for name in names if name in COLUMNS or mesh.states_fact(name))
     if twice := next((name for name in known if names.count(name) > 1), None):
         raise _wrong(f"{where} has two columns '{twice[:80]}'.", line)
     return names
@@ -195,7 +192,7 @@ def _row(
         if not value or "\0" in value:
             raise _wrong(f"Line {line} of '{name}' has no {column}.", line)
     try:
-        facts = facts_in(cells, decimal_comma=decimal_comma)
+        facts = mesh.facts_in(cells, decimal_comma=decimal_comma)
     except ParameterError as error:
         raise MalformedFileError(
             f"Line {line} of '{name}': {error.message}",
@@ -247,7 +244,7 @@ class LabelledSequence:
         """
         file = self.file
         try:
-            options = ReadOptions(facts=file.facts, **self.stated)
+            options = formats.ReadOptions(facts=file.facts, **self.stated)
             sequence = sequence_of(file.path, options, parser=parser_of_thread(options.limits))
         except ModalMotionError as error:
             raise named(error, str(file.path)) from error

@@ -11,18 +11,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Plotted, Saved
+from modalmotion.classification import motion_features, performance
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.motion import Column, Motion
-from modalmotion.classification.motion_features import Extractor
 from modalmotion.classification.outliers import OutlierDetector
-from modalmotion.classification.performance import CrossValidation
 from modalmotion.errors import TopologyError
-from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
+from modalmotion.modes.topologies import CUP, CYLINDER, MESH, Topology
 from modalmotion.notes import Note, notes_as_json
-from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
+from modalmotion.representation import Array, Bools, Floats, FrozenArrays, Ints, shown
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 
@@ -43,7 +41,7 @@ OF_DETECTOR: Final = (
 )
 """Arrays that answers depend on."""
 
-Arrays = dict[str, NDArray[Any]]
+Arrays = dict[str, Array]
 
 
 @shown()
@@ -154,7 +152,7 @@ class Model(FrozenArrays, Saved, Plotted):
     name: str
     classes: tuple[str, ...]
     readable: Readable
-    tables: tuple[Extractor, ...]
+    tables: tuple[motion_features.Extractor, ...]
     columns: tuple[Column, ...]
     weights: Floats
     intercepts: Floats
@@ -164,7 +162,7 @@ class Model(FrozenArrays, Saved, Plotted):
     strangeness: tuple[Floats, ...]
     notes: dict[str, tuple[Note, ...]]
     card: ModelCard
-    cross_validation: CrossValidation | None = None
+    cross_validation: performance.CrossValidation | None = None
 
     def __post_init__(self) -> None:
         for array in (self.weights, self.intercepts, self.centre, self.shares, *self.strangeness):

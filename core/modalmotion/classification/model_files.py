@@ -1,7 +1,5 @@
 """Models in HDF5 files, plain arrays and plain texts, and those that come with the package."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -9,8 +7,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from modalmotion import errors, mesh, notes
+from modalmotion.classification import motion_features, outliers, performance
 from modalmotion.classification.card import ModelCard, ModelRecord, require_model_name
 from modalmotion.classification.model import (
     OF_DETECTOR,
@@ -21,14 +20,8 @@ from modalmotion.classification.model import (
     answering_parts,
 )
 from modalmotion.classification.motion import Column
-from modalmotion.classification.motion_features import Extractor
-from modalmotion.classification.outliers import CHECKS, PLACE, OutlierDetector
-from modalmotion.classification.performance import CrossValidation
-from modalmotion.errors import CorruptFileError, NotFoundError
 from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
-from modalmotion.mesh import Facts
-from modalmotion.notes import notes_from_json
-from modalmotion.representation import shown
+from modalmotion.representation import Array, shown
 from modalmotion.signature.parameters import parameters_from_json
 
 FORM: Final = Form("model", 12)
@@ -193,7 +186,7 @@ def model_from_hdf5(source: bytes | Path) -> Model:
         kept = kept_model_in(contents)
         model = _model(kept, contents)
     if model.id != kept.record.id:
-        raise CorruptFileError(
+        raise errors.CorruptFileError(
             f"{contents.name} contains another model than {kept.record.reference}, as it "
             f"says: its sha256 is {model.id[:12]}…, not {kept.record.id[:12]}….",
             remedy="Restore it from a copy, or delete this version and train it again.",
@@ -207,7 +200,7 @@ def _require_size(source: bytes | Path) -> None:
     else:
         name, size = f"'{source.name}'", source.stat().st_size if source.is_file() else 0
     if size > _LARGEST:
-        raise CorruptFileError(
+        raise errors.CorruptFileError(
             f"{name} has {size} bytes; a model has at most {_LARGEST}.", remedy="Name a model."
         )
 
@@ -220,7 +213,7 @@ def _model(kept: KeptModel, contents: Contents) -> Model:
     if len(set(classes)) < max(len(classes), 2) or not modes <= set(range(readable.n_modes)):
         raise ValueError("the parts of the model do not fit together")
     sizes = {"class": len(classes), "feature": len(columns), "end": 2, "symmetry": 2, "bound": 3}
-    sizes |= {"place": len(PLACE), "check": len(CHECKS)}
+    sizes |= {"place": len(outliers.PLACE), "check": len(outliers.CHECKS)}
     arrays = {name: _array(contents, name, sizes) for name in _AXES if name in contents.arrays}
     ends = np.cumsum(arrays["n_strangeness"].astype(np.int64))
     detector = texts["detector"]
@@ -228,23 +221,23 @@ def _model(kept: KeptModel, contents: Contents) -> Model:
         name=kept.record.name,
         classes=classes,
         readable=readable,
-        tables=tuple(map(Extractor.from_json, texts["tables"])),
+        tables=tuple(map(motion_features.Extractor.from_json, texts["tables"])),
         columns=columns,
-        outliers=OutlierDetector(
-            reader=Extractor.from_json(detector["reader"]),
+        outliers=outliers.OutlierDetector(
+            reader=motion_features.Extractor.from_json(detector["reader"]),
             knows_size=bool(detector["knows_size"]),
             has_unit=bool(detector["has_unit"]),
             **{name: arrays[name] for name in OF_DETECTOR},
         ),
         strangeness=tuple(np.split(arrays["strangeness"], ends[:-1])),
-        notes={str(label): notes_from_json(said) for label, said in texts["notes"].items()},
+        notes={str(label): notes.notes_from_json(said) for label, said in texts["notes"].items()},
         card=ModelCard.from_json(kept.card),
         cross_validation=_held_out(classes, arrays),
         **{name: arrays[name] for name in OF_MODEL},
     )
 
 
-def _array(contents: Contents, name: str, sizes: dict[str, int]) -> NDArray[Any]:
+def _array(contents: Contents, name: str, sizes: dict[str, int]) -> Array:
     """Read an array whose axes are as long as those of the same name that were read before."""
     axes = _AXES[name].split(", ")
     array = contents.array(name, tuple(sizes.get(axis) for axis in axes))
@@ -252,7 +245,7 @@ def _array(contents: Contents, name: str, sizes: dict[str, int]) -> NDArray[Any]
     return array
 
 
-def _held_out_arrays(validation: CrossValidation) -> Arrays:
+def _held_out_arrays(validation: performance.CrossValidation) -> Arrays:
     """Write held-out answers without names, and subjects by number."""
     ids = b"".join(bytes.fromhex(sequence_id) for sequence_id in validation.sequence_ids)
     numbers = {name: k for k, name in enumerate(dict.fromkeys(validation.subjects))}
@@ -265,13 +258,13 @@ def _held_out_arrays(validation: CrossValidation) -> Arrays:
     }
 
 
-def _held_out(classes: tuple[str, ...], arrays: Arrays) -> CrossValidation | None:
+def _held_out(classes: tuple[str, ...], arrays: Arrays) -> performance.CrossValidation | None:
     if "held_out_classes" not in arrays:
         return None
     y, ids = arrays["held_out_classes"].astype(np.int64), arrays["held_out_ids"]
     if not len(y) or y.min() < 0 or y.max() >= len(classes):
         raise ValueError("a held-out case is of no class of the model")
-    return CrossValidation(
+    return performance.CrossValidation(
         classes=classes,
         sequence_ids=tuple(row.tobytes().hex() for row in ids),
         names=("",) * len(y),
@@ -282,7 +275,7 @@ def _held_out(classes: tuple[str, ...], arrays: Arrays) -> CrossValidation | Non
     )
 
 
-def shipped_for(name: str, facts: Facts) -> str:
+def shipped_for(name: str, facts: mesh.Facts) -> str:
     """Name of the shipped model that reads what a recording's points follow.
 
     Parameters
@@ -330,7 +323,7 @@ def load_model(which: str | Path = DEFAULT_MODEL) -> Model:
     if isinstance(which, Path) or which.endswith((".h5", ".hdf5")):
         return model_from_hdf5(Path(which))
     if which not in available_models():
-        raise NotFoundError(
+        raise errors.NotFoundError(
             f"There is no model named {which[:80]!r}.",
             remedy=f"Use one of: {', '.join(available_models())}; or a file: mine.h5.",
         )

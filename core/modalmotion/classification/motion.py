@@ -1,20 +1,16 @@
 """What features are read from: the first terms of a motion over time, in the frame of the body."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.mesh import UNKNOWN
+from modalmotion.mesh import UNKNOWN, spring_modes
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.mesh.spring_modes import Modes, wave_pairs
-from modalmotion.modes.topology import CUP
-from modalmotion.representation import Floats, Ints
+from modalmotion.modes.topologies import CUP
+from modalmotion.representation import Complexes, Floats, Ints
 from modalmotion.signature.making import ModalSignature, SignatureKind
 
 N_HARMONICS: Final = 2
@@ -31,7 +27,7 @@ _MOST_OF_PERIOD: Final = 0.75
 _RANK: Final = 1e-8
 _FLAT: Final = 1e-6
 
-Complex = NDArray[np.complex128]
+Complex = Complexes
 
 
 # Coordinates of the other handedness.
@@ -74,7 +70,7 @@ class Motion:
     signature: ModalSignature
 
     @property
-    def modes(self) -> Modes:
+    def modes(self) -> spring_modes.Modes:
         """Modes of the signature."""
         return self.signature.modes
 
@@ -255,9 +251,9 @@ class Motion:
 
 
 @lru_cache(maxsize=64)
-def _first_turns(modes: Modes) -> tuple[Ints, Ints]:
+def _first_turns(modes: spring_modes.Modes) -> tuple[Ints, Ints]:
     """Find the cosine and the sine of waves that turn once, (waves,) each."""
-    cosines, sines = wave_pairs(modes)
+    cosines, sines = spring_modes.wave_pairs(modes)
     is_first = (sines >= 0) & (modes.wavenumbers[cosines].sum(axis=1) == 1)
     return cosines[is_first], sines[is_first]
 

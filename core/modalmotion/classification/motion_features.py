@@ -4,8 +4,6 @@ About an axis: contraction, twist, shortening, and what is one-sided. Waves are 
 topology that depend neither on the start nor, where it is free, on theta.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Mapping, Sequence
@@ -14,14 +12,12 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.classification.motion import N_COSINES, N_HARMONICS, Column, Motion
 from modalmotion.classification.options import Timing
-from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.mesh.spring_modes import Modes, wave_pairs
-from modalmotion.modes.topology import CLOSED
-from modalmotion.representation import Floats, Ints, shown
+from modalmotion.mesh import sequence, spring_modes
+from modalmotion.modes.topologies import CLOSED
+from modalmotion.representation import Array, Complexes, Floats, Ints, shown
 
 Index = Ints
 
@@ -35,7 +31,7 @@ class _Places(NamedTuple):
     n_rings: int
 
 
-def has_axis(modes: Modes) -> bool:
+def has_axis(modes: spring_modes.Modes) -> bool:
     """Whether motions in these modes have parts about an axis."""
     topology = modes.topology
     if topology is None or [end == CLOSED for end in topology.ends] != [False, True]:
@@ -44,7 +40,7 @@ def has_axis(modes: Modes) -> bool:
     return len(places.flat) > 0 and places.n_rings > 0
 
 
-def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> Floats:
+def axis_parts(terms: Complexes, modes: spring_modes.Modes, *, walls: bool) -> Floats:
     """Read the parts of a cycle about an axis, (features,) float64; see `axis_columns`.
 
     Parameters
@@ -102,7 +98,7 @@ def axis_parts(terms: NDArray[np.complex128], modes: Modes, *, walls: bool) -> F
 
 @lru_cache(maxsize=64)
 def axis_columns(
-    modes: Modes, n_harmonics: int, *, along_normal: bool, walls: bool
+    modes: spring_modes.Modes, n_harmonics: int, *, along_normal: bool, walls: bool
 ) -> tuple[Column, ...]:
     """Columns of the values of `axis_parts`."""
     flat, c, s, n = _places(modes)
@@ -150,7 +146,7 @@ def axis_columns(
 
 
 @lru_cache(maxsize=64)
-def _places(modes: Modes) -> _Places:
+def _places(modes: spring_modes.Modes) -> _Places:
     index = {
         (p, turns, sine): k
         for k, ((p, turns), sine) in enumerate(
@@ -190,7 +186,7 @@ class Waves(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def waves_of(modes: Modes, *, walls: bool) -> Waves:
+def waves_of(modes: spring_modes.Modes, *, walls: bool) -> Waves:
     """Group modes into waves."""
     topology = modes.topology
     members: tuple[tuple[int, ...], ...]
@@ -199,7 +195,7 @@ def waves_of(modes: Modes, *, walls: bool) -> Waves:
         names, turns = tuple(map(str, modes.labels)), [()] * len(modes)
         members = tuple((k,) for k in range(len(modes)))
     else:
-        cosines, sines = wave_pairs(modes)
+        cosines, sines = spring_modes.wave_pairs(modes)
         numbers = modes.wavenumbers[cosines]
         names = tuple(f"({', '.join(map(str, p))})" for p in numbers.tolist())
         members = tuple(
@@ -213,7 +209,7 @@ def waves_of(modes: Modes, *, walls: bool) -> Waves:
     return Waves(names, members, i, j)
 
 
-def wave_features(terms: NDArray[Any], waves: Waves) -> Floats:
+def wave_features(terms: Array, waves: Waves) -> Floats:
     """Roots of products of modes over all terms, (features,) float64; see `wave_columns`.
 
     Parameters
@@ -283,7 +279,7 @@ def wave_columns(waves: Waves, n_terms: int, n_directions: int) -> tuple[Column,
     return tuple(columns)
 
 
-def summary(terms: NDArray[Any], waves: Waves) -> Floats:
+def summary(terms: Array, waves: Waves) -> Floats:
     """Few numbers for few cases: how much each wave, each term and each direction moves."""
     squares = (np.abs(terms) ** 2).sum(axis=2)
     by_wave = np.array([squares[:, list(group)].sum() for group in waves.modes])
@@ -315,7 +311,7 @@ def summary_columns(
     return tuple(columns)
 
 
-def _flat(terms: NDArray[Any]) -> Floats:
+def _flat(terms: Array) -> Floats:
     """Rows of the modes' terms, and one of zeros: (modes + 1, terms * n)."""
     rows = terms.transpose(1, 0, 2).reshape(terms.shape[1], -1)
     return np.asarray(np.pad(rows, ((0, 1), (0, 0))))
@@ -403,19 +399,19 @@ class Extractor:
             return _volume(motion)
         return self.values_of(self.terms(motion), motion.modes)
 
-    def values_of(self, terms: NDArray[Any], modes: Modes) -> Floats:
+    def values_of(self, terms: Array, modes: spring_modes.Modes) -> Floats:
         """Features of a motion of which only the terms of all or the first modes are known."""
         modes = first(modes, self.n_modes)
         if self.what == AXIS:
             return axis_parts(terms, modes, walls=self.walls)
         total = math.sqrt(float((np.abs(terms) ** 2).sum()))
-        shares: NDArray[Any] = terms / total if total > 0.0 else terms
+        shares: Array = terms / total if total > 0.0 else terms
         waves = waves_of(modes, walls=self.walls)
         read = summary if self.what == SUMMARY else wave_features
         found: list[Any] = [[math.log(max(total, _LEAST_TOTAL))], read(shares, waves)]
         return np.concatenate([*found, shares.ravel()] if self.what == TERMS else found)
 
-    def terms(self, motion: Motion) -> NDArray[Any]:
+    def terms(self, motion: Motion) -> Array:
         """Terms over time of the modes that are read, (terms, modes, n)."""
         return (motion.harmonics if self.is_cycle else motion.cosines)[:, : self.n_modes]
 
@@ -446,7 +442,7 @@ class Extractor:
         return dict(vars(self))
 
     @staticmethod
-    def from_json(values: Mapping[str, Any]) -> Extractor:
+    def from_json(values: Mapping[str, Any]) -> "Extractor":
         """Read the output of `as_json`.
 
         Raises
@@ -459,7 +455,7 @@ class Extractor:
         return Extractor(**values)
 
 
-def first(modes: Modes, n: int) -> Modes:
+def first(modes: spring_modes.Modes, n: int) -> spring_modes.Modes:
     """Return the first n modes."""
     return modes if n >= len(modes) else modes.take(np.arange(n))
 
@@ -501,5 +497,5 @@ def volume_share(motion: Motion) -> float:
 def _volume(motion: Motion) -> Floats:
     volumes = motion.volumes
     assert volumes is not None  # noqa: S101 (asked for only of motions that have one)
-    unit = math.log(MM_PER_UNIT.get(motion.signature.unit or "", 1.0))
+    unit = math.log(sequence.MM_PER_UNIT.get(motion.signature.unit or "", 1.0))
     return np.array([math.log(volumes.max()) / 3.0 + unit, volume_share(motion)])

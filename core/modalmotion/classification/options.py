@@ -1,7 +1,5 @@
 """How a model is trained."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import StrEnum
@@ -9,7 +7,7 @@ from typing import Any, Final
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MEAN
-from modalmotion.modes.topology import MESH, Topology
+from modalmotion.modes.topologies import MESH, Topology
 from modalmotion.representation import plain, shown
 from modalmotion.signature.making import MOST_MODES, SignatureKind, SignatureParameters
 
@@ -126,7 +124,7 @@ class TrainingOptions:
         return values
 
     @staticmethod
-    def from_json(values: Mapping[str, Any]) -> TrainingOptions:
+    def from_json(values: Mapping[str, Any]) -> "TrainingOptions":
         """Read the output of `as_json`; missing options take their defaults.
 
         Raises

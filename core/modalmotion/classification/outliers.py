@@ -1,7 +1,5 @@
 """What a recording must be like for a model to know its motion."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -99,7 +97,7 @@ class Inputs(NamedTuple):
     kinds: Floats
     places: Floats
 
-    def of(self, rows: Labels) -> Inputs:
+    def of(self, rows: Labels) -> "Inputs":
         """Those of some cases."""
         return Inputs(self.kinds[rows], self.places[rows])
 

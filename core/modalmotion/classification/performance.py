@@ -1,7 +1,5 @@
 """Figures of answers to labelled cases, with their intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -72,20 +70,20 @@ class Performance:
     """
 
     accuracy: float
-    accuracy_interval: Interval
+    accuracy_interval: "Interval"
     balanced_accuracy: float
     auc: float | None
-    auc_interval: Interval | None
+    auc_interval: "Interval | None"
     class_auc: dict[str, Measured]
     log_loss: float
-    log_loss_interval: Interval | None
+    log_loss_interval: "Interval | None"
     brier: float
-    brier_interval: Interval | None
+    brier_interval: "Interval | None"
     sensitivity: dict[str, Measured]
     specificity: dict[str, Measured]
     confusion: tuple[tuple[int, ...], ...]
-    roc: dict[str, RocCurve]
-    calibration_curve: Curve
+    roc: "dict[str, RocCurve]"
+    calibration_curve: "Curve"
     calibration_error: float
 
 
@@ -194,7 +192,7 @@ def _by_class(
     return shares
 
 
-def macro_area(answers: Answers) -> tuple[Auc | None, Interval | None, dict[str, Measured]]:
+def macro_area(answers: Answers) -> "tuple[Auc | None, Interval | None, dict[str, Measured]]":
     """Mean area over the classes that occur, its interval, and the area of each with its own."""
     areas: dict[str, Measured] = {}
     found, counts = [], []
@@ -213,7 +211,7 @@ def macro_area(answers: Answers) -> tuple[Auc | None, Interval | None, dict[str,
     return macro, auc_interval(*macro, counts, answers.subjects), areas
 
 
-def _mean_area(areas: Sequence[Auc]) -> Auc:
+def _mean_area(areas: "Sequence[Auc]") -> "Auc":
     values, influences = zip(*areas, strict=True)
     return Auc(float(np.mean(values)), np.mean(influences, axis=0))
 

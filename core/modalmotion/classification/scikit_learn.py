@@ -1,7 +1,5 @@
 """Features in the form of scikit-learn, which is imported here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -11,9 +9,8 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.feature_extraction import DictVectorizer
 from sklearn.utils.validation import check_is_fitted
 
-from modalmotion.classification.answer import signature_in
+from modalmotion.classification import answer, cohort
 from modalmotion.classification.cases import TrainingCase, as_case
-from modalmotion.classification.cohort import alike, readable_of
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import (
     AXIS,
@@ -93,7 +90,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         self.timing = timing
         self.covariates = covariates
 
-    def fit(self, X: Iterable[Any], y: Any = None) -> SignatureFeatures:
+    def fit(self, X: Iterable[Any], y: Any = None) -> "SignatureFeatures":
         """Decide which features are read.
 
         Parameters
@@ -138,7 +135,7 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             If the modes of one do not compare with those of `fit`.
         """
         check_is_fitted(self)
-        read = [signature_in(self.readable_, case.motion, case.name) for case in _cases(X)]
+        read = [answer.signature_in(self.readable_, case.motion, case.name) for case in _cases(X)]
         return self._table(read)
 
     def get_feature_names_out(self, input_features: Any = None) -> NDArray[np.object_]:
@@ -169,8 +166,8 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
                 remedy=f"Use one of: {', '.join(KINDS)}.",
                 details={"option": "kind"},
             )
-        signatures = alike(_cases(X), self.signature_parameters)[0].signatures
-        self.readable_ = readable_of(signatures)
+        signatures = cohort.alike(_cases(X), self.signature_parameters)[0].signatures
+        self.readable_ = cohort.readable_of(signatures)
         motions = [Motion(first_modes(one, self.readable_.n_modes)) for one in signatures]
         self.extractor_ = self._chosen(motions)
         self._names = [column.name for column in self.extractor_.columns(motions[0])]

@@ -1,7 +1,5 @@
 """Training of a model. scikit-learn is imported here, and only when a model is trained."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,11 +10,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from modalmotion.classification import caveats, model, motion_features, outliers
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.cases import AnyCase
-from modalmotion.classification.caveats import confound_notes, confounds
 from modalmotion.classification.cohort import Cohort, collect_cohorts
 from modalmotion.classification.fitting import (
     Fit,
@@ -28,22 +25,13 @@ from modalmotion.classification.fitting import (
     split_cases,
     tables_of,
 )
-from modalmotion.classification.model import (
-    OF_DETECTOR,
-    Model,
-    holds,
-    share_ranges,
-    strangeness_of,
-)
-from modalmotion.classification.motion_features import AXIS, WAVES, volume_share
 from modalmotion.classification.options import TrainingOptions
-from modalmotion.classification.outliers import OutlierDetector, detector_for
 from modalmotion.classification.performance import METHODS, CrossValidation, performance
 from modalmotion.errors import ParameterError, needs_extra
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.notes import Note
 from modalmotion.progress import Reporter, part_of, reported, silent
-from modalmotion.representation import Bools, Floats, Ints
+from modalmotion.representation import Array, Bools, Floats, Ints
 
 # Share of the progress that reading the cases is counted as.
 _READ: Final = 0.4
@@ -67,7 +55,7 @@ def train(
     progress: Reporter | None = None,
     cv: Folds | None = None,
     normal_displacements: Iterable[AnyCase] | None = None,
-) -> Model:
+) -> model.Model:
     """Train a model on labelled recordings.
 
     Parameters
@@ -199,7 +187,7 @@ class _Result(NamedTuple):
 
     final: Fit
     folds: list[tuple[Fit, Floats]]
-    detector: OutlierDetector
+    detector: outliers.OutlierDetector
 
 
 def _fitted(cohort: Cohort, splits: Splits, options: TrainingOptions) -> _Result:
@@ -208,8 +196,8 @@ def _fitted(cohort: Cohort, splits: Splits, options: TrainingOptions) -> _Result
         fit = fit_rows(cohort, tables, inner)
         folds.append((replace(fit, tables=()), fit.scores(outer)))
     simplest = tables[0].extractor
-    what = AXIS if simplest.what == AXIS else WAVES
-    detector = detector_for(
+    what = motion_features.AXIS if simplest.what == motion_features.AXIS else motion_features.WAVES
+    detector = outliers.detector_for(
         cohort.motions,
         cohort.y,
         replace(simplest, what=what),
@@ -253,16 +241,16 @@ def _model(
     held_out: CrossValidation | None,
     card: ModelCard,
     notes: tuple[Note, ...],
-) -> Model:
+) -> model.Model:
     tables, example, n = result.final.tables, cohort.motions[0], len(cohort.classes)
     X = np.concatenate([one.table.X for one in tables], axis=1)
-    shares = np.array([volume_share(motion) for motion in cohort.motions])
+    shares = np.array([motion_features.volume_share(motion) for motion in cohort.motions])
     strangeness: tuple[Floats, ...] = tuple(np.zeros(0) for _ in cohort.classes)
     if held_out is not None:
-        strangeness = strangeness_of(held_out.probabilities[0], cohort.y)
+        strangeness = model.strangeness_of(held_out.probabilities[0], cohort.y)
     extractors = tuple(one.table.extractor for one in tables)
-    rounded: dict[str, Any] = {k: _rounded(getattr(result.detector, k)) for k in OF_DETECTOR}
-    return Model(
+    rounded: dict[str, Any] = {k: _rounded(getattr(result.detector, k)) for k in model.OF_DETECTOR}
+    return model.Model(
         name=name,
         classes=cohort.classes,
         readable=cohort.readable,
@@ -272,7 +260,7 @@ def _model(
         intercepts=_rounded(np.sum([table.linear.intercepts for table in tables], axis=0)),
         centre=_rounded(X.mean(axis=0)),
         outliers=replace(result.detector, **rounded),
-        shares=_rounded(share_ranges(shares, cohort.y, n)),
+        shares=_rounded(model.share_ranges(shares, cohort.y, n)),
         strangeness=strangeness,
         notes={"": notes},
         card=card,
@@ -280,7 +268,7 @@ def _model(
     )
 
 
-def _rounded(values: NDArray[Any]) -> NDArray[Any]:
+def _rounded(values: Array) -> Array:
     numbers = [float(f"{x:.{_DIGITS}g}") for x in np.ravel(values).view(np.float64)]
     return np.array(numbers).view(values.dtype).reshape(values.shape)
 
@@ -327,7 +315,7 @@ def _card(
         return card, ()
     figures = performance(held_out.answers())
     persons = np.unique(cohort.subjects, return_inverse=True)[1]
-    tests = confounds(cohort.conditions, cohort.y, persons, options.seed)
+    tests = caveats.confounds(cohort.conditions, cohort.y, persons, options.seed)
     held, sizes = _cross_sets(cohort, splits.repetitions[0], held_out.probabilities[0])
     warning: tuple[Note, ...] = ()
     if figures.auc_interval is not None and figures.auc_interval[0] <= 0.5:
@@ -339,7 +327,7 @@ def _card(
         methods=METHODS,
         repetitions=len(held_out.probabilities),
         confounds=tests,
-        notes=(*card.notes, *confound_notes(tests)),
+        notes=(*card.notes, *caveats.confound_notes(tests)),
         class_coverage={
             label: float(held[cohort.y == k].mean()) for k, label in enumerate(cohort.classes)
         },
@@ -352,8 +340,8 @@ def _cross_sets(cohort: Cohort, folds: Sequence[Fold], probabilities: Floats) ->
     held = np.zeros(len(cohort), dtype=np.bool_)
     sizes = np.zeros(len(cohort), dtype=np.int64)
     for inner, outer in folds:
-        others = strangeness_of(probabilities[inner], cohort.y[inner])
-        in_set = holds(others, probabilities[outer], _COVERAGE)
+        others = model.strangeness_of(probabilities[inner], cohort.y[inner])
+        in_set = model.holds(others, probabilities[outer], _COVERAGE)
         held[outer] = in_set[np.arange(len(outer)), cohort.y[outer]]
         sizes[outer] = in_set.sum(axis=1)
     return held, sizes

@@ -11,39 +11,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 import numpy as np
 
+from modalmotion import clinical, errors, store
+from modalmotion.cli import report_commands, shared, track_commands
 from modalmotion.cli.files import Waiting, each_labelled, read, sequence_argument
-from modalmotion.cli.options import (
-    EXISTING,
-    EXISTING_FILE,
-    OnlyPlot,
-    OutputFile,
-    Plot,
-    command,
-    described,
-    fit_options,
-    labelled_sources,
-    write_picture,
-)
-from modalmotion.cli.report_commands import quantity_lines
-from modalmotion.cli.track_commands import fitted_recording, tracking_options
-from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import readouts_json, ventricle_readouts
-from modalmotion.errors import TopologyError
 from modalmotion.notes import Note
 from modalmotion.pictures.readouts import bulls_eye_figure, most_moved, volume_figure
 from modalmotion.representation import counted, numeral
 from modalmotion.signature.mode_names import direction_names
 
 if TYPE_CHECKING:
-    from modalmotion.classification import TrainingCase
-    from modalmotion.reports import Report
+    from modalmotion import classification, reports
 
 
-@command("readouts beat.npz --modes 18 -o volumes.png")
+@shared.command("readouts beat.npz --modes 18 -o volumes.png")
 @sequence_argument
-@tracking_options
-@fit_options
-def readouts(source: Path, plot: OnlyPlot = None, bulls_eye: Plot = None, **options: Any) -> Any:
+@track_commands.tracking_options
+@shared.fit_options
+def readouts(
+    source: Path, plot: shared.OnlyPlot = None, bulls_eye: shared.Plot = None, **options: Any
+) -> Any:
     """Compute volume, ejection fraction and strain of the cavity in FILE, with intervals.
 
     The relative change of volume is an ejection fraction if --cavity is given or the surface is a
@@ -56,34 +43,36 @@ def readouts(source: Path, plot: OnlyPlot = None, bulls_eye: Plot = None, **opti
     bulls_eye
         Picture to write of the inward motion by segment (.png, .svg, .pdf).
     """
-    from modalmotion.reports import Report
+    from modalmotion import reports
 
     with Waiting(source) as waiting:
-        sequence, signature = fitted_recording(source, waiting, options)
+        sequence, signature = track_commands.fitted_recording(source, waiting, options)
         with waiting.watch.stage("volume"):
-            result = clinical_readouts(signature, sequence)
+            result = clinical.clinical_readouts(signature, sequence)
             ventricle = ventricle_readouts(signature, sequence, result)
     if plot is not None:
-        write_picture(volume_figure(result), plot)
+        shared.write_picture(volume_figure(result), plot)
     if bulls_eye is not None:
         if ventricle.regions is None:
-            raise TopologyError(
+            raise errors.TopologyError(
                 "This surface has no segments to draw.",
                 remedy="Leave --bulls-eye out: segments are those of a cup, a ventricle's wall.",
             )
-        write_picture(bulls_eye_figure(ventricle.regions), bulls_eye)
-    found = Report(signature, sequence, result, ventricle, None, None, datetime.now(UTC), ())
+        shared.write_picture(bulls_eye_figure(ventricle.regions), bulls_eye)
+    found = reports.Report(
+        signature, sequence, result, ventricle, None, None, datetime.now(UTC), ()
+    )
     return readouts_json(result, ventricle), _lines(found)
 
 
-def _lines(report: Report) -> Iterator[str]:
+def _lines(report: reports.Report) -> Iterator[str]:
     readouts, ventricle = report.readouts, report.ventricle
     assert readouts is not None  # noqa: S101
     assert ventricle is not None  # noqa: S101
     unit, curve = readouts.volume_unit, readouts.stated
     capped = ", capped" if readouts.n_openings else ""
     yield f"{counted(readouts.n_openings, 'opening')}{capped}"
-    yield from quantity_lines(report)
+    yield from report_commands.quantity_lines(report)
     yield f"end diastole in frame {curve.end_diastole}, end systole in {curve.end_systole}"
     said: dict[str, dict[str, str]] = {}
     if (rates := ventricle.rates) is not None:
@@ -118,12 +107,12 @@ def _lines(report: Report) -> Iterator[str]:
         shares = zip(regions.names, regions.shares[frame], strict=True)
         key = f"inward motion over the radius at end diastole, frame {frame}, %"
         said[key] = {name: f"{share:.1f}" for name, share in shares}
-    yield from described({**said, "notes": (*readouts.notes, *ventricle.reasons)})
+    yield from shared.described({**said, "notes": (*readouts.notes, *ventricle.reasons)})
 
 
-@command("score truth.npz answer.h5")
-@click.argument("truth", type=EXISTING_FILE)
-@click.argument("answer", type=EXISTING_FILE)
+@shared.command("score truth.npz answer.h5")
+@click.argument("truth", type=shared.EXISTING_FILE)
+@click.argument("answer", type=shared.EXISTING_FILE)
 def score(truth: Path, answer: Path) -> Any:
     """Compare the motion in ANSWER with the true one in TRUTH: errors in mm and in points.
 
@@ -144,7 +133,9 @@ def score(truth: Path, answer: Path) -> Any:
         if answer.suffix.lower() == ".npz":
             deviations = read_arrays(answer.read_bytes(), ["deviations"], [])[0].get("deviations")
     result = asdict(scored(read(truth), estimated, deviations))
-    return result, described({**result, "notes": [Note.of("published_errors", mm=PUBLISHED)]})
+    return result, shared.described(
+        {**result, "notes": [Note.of("published_errors", mm=PUBLISHED)]}
+    )
 
 
 @click.group()
@@ -152,13 +143,13 @@ def norm() -> None:
     """Compare recordings with your own controls."""
 
 
-@command("norm train controls.csv --name volunteers -o volunteers.h5", group=norm)
-@labelled_sources
+@shared.command("norm train controls.csv --name volunteers -o volunteers.h5", group=norm)
+@shared.labelled_sources
 def train(
     sources: tuple[Path, ...],
     skip_unreadable: bool,
     name: str,
-    out: Annotated[Path, OutputFile()],
+    out: Annotated[Path, shared.OutputFile()],
     unit: str | None = None,
     modes: int = 7,
     topology: str | None = None,
@@ -183,17 +174,16 @@ def train(
     """
     from modalmotion.classification.cases import left_out_notes
     from modalmotion.norm import norm_to_hdf5, train_norm
-    from modalmotion.store import write_atomic
 
     cases, left_out = each_labelled(sources, lambda case: case, skips=skip_unreadable, unit=unit)
     result = train_norm(cases, name=name, modes=modes, topology=topology)
-    write_atomic(out, norm_to_hdf5(result))
+    store.write_atomic(out, norm_to_hdf5(result))
     return {**result.as_json(), "left_out": list(left_out_notes(left_out))}
 
 
-@command("norm ask volunteers.h5 beat.npz", group=norm)
-@click.argument("norm_file", metavar="NORM", type=EXISTING)
-@labelled_sources
+@shared.command("norm ask volunteers.h5 beat.npz", group=norm)
+@click.argument("norm_file", metavar="NORM", type=shared.EXISTING)
+@shared.labelled_sources
 def ask(
     norm_file: Path,
     sources: tuple[Path, ...],
@@ -218,7 +208,7 @@ def ask(
 
     controls = norm_from_hdf5(norm_file)
 
-    def compared(case: TrainingCase) -> Any:
+    def compared(case: classification.TrainingCase) -> Any:
         return controls.read(case.motion, subject=case.subject, name=case.name)
 
     readings, left_out = each_labelled(sources, compared, skips=skip_unreadable, unit=unit)

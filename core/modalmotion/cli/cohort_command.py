@@ -15,20 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import click
 import numpy as np
 
+from modalmotion import errors, formats
 from modalmotion.classification.manifest import LabelledFile, labelled_files
 from modalmotion.classification.training import joblib_backend
+from modalmotion.cli import shared
 from modalmotion.cli.files import progress_bar, sequence_argument, stated_facts
-from modalmotion.cli.options import (
-    OutputFolder,
-    command,
-    described,
-    fit_options,
-    signature_parameters,
-)
-from modalmotion.errors import ModalMotionError, ParameterError, needs_extra
-from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import MESH, SPHERE
+from modalmotion.modes.topologies import MESH, SPHERE
 from modalmotion.representation import csv_text
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.tracking.recordings import sequence_of
@@ -58,12 +51,12 @@ class _Signed:
     error: str = ""
 
 
-@command("cohort cases.csv -o results --workers 8")
+@shared.command("cohort cases.csv -o results --workers 8")
 @sequence_argument
-@fit_options
+@shared.fit_options
 def cohort(
     source: Path,
-    output: Annotated[Path, OutputFolder()],
+    output: Annotated[Path, shared.OutputFolder()],
     workers: Annotated[int | None, click.IntRange(1, 256)] = None,
     scheduler: str | None = None,
     keep_vertices: bool = False,
@@ -91,10 +84,10 @@ def cohort(
     """
     from modalmotion.store import ResultStore, write_atomic
 
-    parameters = signature_parameters(options)
+    parameters = shared.signature_parameters(options)
     files = _files(source)
     if not files:
-        raise ParameterError(f"'{source}' names no recording.", remedy="Check it.")
+        raise errors.ParameterError(f"'{source}' names no recording.", remedy="Check it.")
     with ResultStore(output, keep_uploads=keep_vertices) as store:
         work = _Work(store, options, keep_vertices)
         with joblib_backend(scheduler, workers or -1):
@@ -119,7 +112,7 @@ def cohort(
     for path, error in failures[:_MOST_PRINTED]:
         click.echo(f"{path}: {error}", err=True)
     fails = failures and not skip_unreadable
-    said = described({**answer, "failures": len(failures), "table": output / _TABLE})
+    said = shared.described({**answer, "failures": len(failures), "table": output / _TABLE})
     return answer, said, click.exceptions.Exit(1) if fails else None
 
 
@@ -201,14 +194,14 @@ def _signed(
     try:
         with _here(file) as path:
             stated = {**stated}
-            options = ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
+            options = formats.ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
             sequence = sequence_of(path, options)
         signature = modal_signature(sequence, parameters)
         record = record_of(sequence, created="", has_upload=keeps)
         vertices = upload_image(sequence) if keeps else b""
         kind = _kind_by_shape(sequence, signature)
         return _Signed(file, stamp, record, signature, vertices, kind)
-    except ModalMotionError as error:
+    except errors.ModalMotionError as error:
         return _Signed(file, stamp, error=str(error))
     except OSError as error:
         # What a URL's query says may be secret.
@@ -221,7 +214,7 @@ def _here(file: LabelledFile) -> Iterator[Path]:
     if file.url is None:
         yield file.path
         return
-    with needs_extra("remote"):
+    with errors.needs_extra("remote"):
         import fsspec
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / file.path.name
@@ -235,7 +228,7 @@ def _known(table: Path, store: ResultStore, settings: str) -> dict[tuple[str, st
     known = {}
     with contextlib.suppress(OSError), table.open(newline="") as lines:
         for row in csv.DictReader(lines, _COLUMNS):
-            with contextlib.suppress(ModalMotionError, TypeError):
+            with contextlib.suppress(errors.ModalMotionError, TypeError):
                 is_there = store.sound_signature_path(row["sequence_id"], row["key"]) is not None
                 if row["settings"] == settings and is_there:
                     known[row["path"], row["stamp"]] = row

@@ -1,7 +1,5 @@
 """The group of all commands; other distributions add theirs as ``modalmotion.commands``."""
 
-from __future__ import annotations
-
 import re
 import sys
 from difflib import get_close_matches

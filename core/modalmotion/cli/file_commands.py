@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import click
 
+from modalmotion import clinical, errors, formats, notes, store
+from modalmotion.cli import shared
 from modalmotion.cli.files import (
     Waiting,
     counting,
@@ -18,23 +20,9 @@ from modalmotion.cli.files import (
     sequence_argument,
     stated_facts,
 )
-from modalmotion.cli.options import (
-    EXISTING,
-    EXISTING_FILE,
-    SEQUENCE,
-    OutputFile,
-    command,
-    fit_options,
-    members,
-    signature_parameters,
-)
-from modalmotion.errors import InputError, ParameterError, StoreError
 from modalmotion.exports.files import SURFACES, save
 from modalmotion.formats.detect import STREAM
-from modalmotion.hdf5.image import form_of
-from modalmotion.hdf5.sealed import SIGNATURE
-from modalmotion.notes import notes_as_json
-from modalmotion.store import write_atomic
+from modalmotion.hdf5 import image, sealed
 
 if TYPE_CHECKING:
     from modalmotion.classification import TrainingCase
@@ -45,11 +33,11 @@ if TYPE_CHECKING:
     from modalmotion.signature.making import ModalSignature, SignatureParameters
 
 
-@command("encode beat.npz -o beat.mms --max-error 0.1")
+@shared.command("encode beat.npz -o beat.mms --max-error 0.1")
 @sequence_argument
 def encode(
     source: Path,
-    output: Annotated[Path, OutputFile()],
+    output: Annotated[Path, shared.OutputFile()],
     rms: float | None = None,
     max_error: float | None = None,
     n_bytes: Annotated[int | None, {"flag": "bytes"}] = None,
@@ -85,17 +73,17 @@ def encode(
             effort=effort,
             progress=show,
         )
-    write_atomic(output, stream.data)
+    store.write_atomic(output, stream.data)
     names = ("n_bytes", "bits_per_vertex_and_frame", "rms", "max_error", "transform")
-    found = members(stream, *names, "kg_error as kg_error_percent")
+    found = shared.members(stream, *names, "kg_error as kg_error_percent")
     return {**found, "unit": sequence.unit}
 
 
-@command("decode beat.mms -o beat.npz")
-@click.argument("stream", type=EXISTING_FILE)
+@shared.command("decode beat.mms -o beat.npz")
+@click.argument("stream", type=shared.EXISTING_FILE)
 def decode(
     stream: Path,
-    output: Annotated[Path, OutputFile(*SURFACES)],
+    output: Annotated[Path, shared.OutputFile(*SURFACES)],
     first: int | None = None,
     stop: int | None = None,
 ) -> Any:
@@ -119,12 +107,12 @@ def decode(
     frames = range(first or 0, n_frames if stop is None else stop)
     sequence = expand(data, frames=frames)
     save(sequence, output)
-    return members(sequence, *SEQUENCE)
+    return shared.members(sequence, *shared.SEQUENCE)
 
 
-@command("convert frames/ beat.vtkhdf --unit mm")
+@shared.command("convert frames/ beat.vtkhdf --unit mm")
 @sequence_argument
-@click.argument("output", metavar="OUT", type=OutputFile(*SURFACES))
+@click.argument("output", metavar="OUT", type=shared.OutputFile(*SURFACES))
 def convert(source: Path, output: Path, **options: Any) -> Any:
     """Write the sequence in FILE in another format.
 
@@ -134,7 +122,7 @@ def convert(source: Path, output: Path, **options: Any) -> Any:
     """
     sequence = read(source, **options)
     save(sequence, output)
-    return members(sequence, *SEQUENCE)
+    return shared.members(sequence, *shared.SEQUENCE)
 
 
 _SEQUENCE: Final = (
@@ -162,8 +150,8 @@ _SHOWN: Final = {
 """Attributes by kind of file, and their names where these are others."""
 
 
-@command("show beat.h5")
-@click.argument("file", metavar="FILE", type=EXISTING)
+@shared.command("show beat.h5")
+@click.argument("file", metavar="FILE", type=shared.EXISTING)
 def show(file: Path) -> Any:
     """Show what is in FILE.
 
@@ -173,32 +161,31 @@ def show(file: Path) -> Any:
     head = b""
     if file.is_file():
         with file.open("rb") as opened:
-            head = opened.read(len(SIGNATURE))
+            head = opened.read(len(sealed.SIGNATURE))
     if head.startswith(STREAM):
         from modalmotion.codec.decoder import inspect
 
         with naming(file):
             header = inspect(file.read_bytes())
         return {**_shown("compressed sequence", header), "bytes": file.stat().st_size}
-    if head == SIGNATURE:
+    if head == sealed.SIGNATURE:
         kind = ""
         # HDF5 of other programs has none.
-        with contextlib.suppress(StoreError):
-            kind = form_of(file).kind
+        with contextlib.suppress(errors.StoreError):
+            kind = image.form_of(file).kind
         if kind in _SHOWN:
             from modalmotion.exports.files import load
 
             return _shown(kind, load(file))
         if kind:
             return {"content": kind, "bytes": file.stat().st_size}
-    from modalmotion.formats import read_sequence
     from modalmotion.formats.volumes.reading import holds_images
 
     if holds_images(file):
         return _images(file)
     try:
-        reading = read_sequence(file)
-    except InputError as error:
+        reading = formats.read_sequence(file)
+    except errors.InputError as error:
         raise click.ClickException(
             f"{file.name} is neither a file of modalmotion nor a moving surface: {error}"
         ) from error
@@ -207,7 +194,7 @@ def show(file: Path) -> Any:
         "content": "moving surface",
         "format": reading.format,
         "ignored": list(reading.ignored),
-        "notes": notes_as_json(reading.notes),
+        "notes": notes.notes_as_json(reading.notes),
     }
 
 
@@ -227,11 +214,11 @@ def _images(file: Path) -> dict[str, Any]:
         content["planes"] = len(first)
     if isinstance(first, Volume) and is_label_map(images):
         content |= {"content": "label map", "labels": values_in(first)}
-    return content | {"notes": notes_as_json(images.notes)}
+    return content | {"notes": notes.notes_as_json(images.notes)}
 
 
 def _shown(kind: str, value: Any) -> dict[str, Any]:
-    return {"content": kind, **members(value, *_SHOWN[kind], write=_plain)}
+    return {"content": kind, **shared.members(value, *_SHOWN[kind], write=_plain)}
 
 
 def _plain(value: Any) -> Any:
@@ -245,12 +232,12 @@ def _plain(value: Any) -> Any:
     return len(value) if hasattr(value, "__len__") else str(value)
 
 
-@command("table beat.npz --frames -o frames.csv", prints_json=False)
+@shared.command("table beat.npz --frames -o frames.csv", prints_json=False)
 @sequence_argument
-@fit_options
+@shared.fit_options
 def table(
     source: Path,
-    output: Annotated[Path | None, OutputFile(".csv")] = None,
+    output: Annotated[Path | None, shared.OutputFile(".csv")] = None,
     frames: bool = False,
     skip_unreadable: bool = False,
     **options: Any,
@@ -275,7 +262,7 @@ def table(
     if source.suffix.lower() in (".csv", ".tsv"):
         if frames:
             raise click.UsageError("--frames is for one sequence, and not for a manifest.")
-        parameters = signature_parameters(options)
+        parameters = shared.signature_parameters(options)
         _write(_cohort(source, parameters, skip_unreadable, options).to_csv(), output)
         return
     with Waiting(source) as waiting:
@@ -290,14 +277,13 @@ def _write(text: str, output: Path | None) -> None:
     if output is None:
         click.echo(text, nl=False)
     else:
-        write_atomic(output, text.encode())
+        store.write_atomic(output, text.encode())
 
 
 def _cohort(
     manifest: Path, parameters: SignatureParameters, skips: bool, stated: dict[str, Any]
 ) -> Table:
     """Tabulate the recordings of a manifest; those that are left out are named."""
-    from modalmotion.clinical import clinical_readouts
     from modalmotion.exports.tables import Recording, cohort_table
     from modalmotion.signature.making import modal_signature
 
@@ -305,8 +291,8 @@ def _cohort(
         sequence: Any = case.motion
         signature = modal_signature(sequence, parameters)
         readouts: ClinicalReadouts | None = None
-        with contextlib.suppress(InputError):
-            readouts = clinical_readouts(signature, sequence)
+        with contextlib.suppress(errors.InputError):
+            readouts = clinical.clinical_readouts(signature, sequence)
         return Recording(case.name, signature, readouts, case.subject, case.label or None)
 
     facts = stated_facts(stated)
@@ -314,7 +300,7 @@ def _cohort(
     for one in left_out:
         click.echo(f"left out: {one}", err=True)
     if not made:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"No recording of '{manifest}' can be tabulated.",
             remedy="Name files that can be read in its column path.",
         )
@@ -323,15 +309,14 @@ def _cohort(
 
 def _frames(signature: ModalSignature, sequence: MeshSequence) -> Table:
     """Tabulate frames, with all that this surface has."""
-    from modalmotion.clinical import clinical_readouts
     from modalmotion.clinical.ventricle import ventricle_readouts
     from modalmotion.exports.tables import frame_table
 
     readouts: ClinicalReadouts | None = None
     ventricle: VentricleReadouts | None = None
     try:
-        readouts = clinical_readouts(signature, sequence)
-    except InputError as error:
+        readouts = clinical.clinical_readouts(signature, sequence)
+    except errors.InputError as error:
         click.echo(f"note: {error}", err=True)
     else:
         ventricle = ventricle_readouts(signature, sequence, readouts)

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 
 import click
 
-from modalmotion.cli.options import (
+from modalmotion import errors, formats
+from modalmotion.cli.shared import (
     FACTS,
     READING,
     Grouped,
@@ -21,10 +22,8 @@ from modalmotion.cli.options import (
     several,
     signature_parameters,
 )
-from modalmotion.errors import ModalMotionError, named
 from modalmotion.exports.reading import read_recording
-from modalmotion.formats import ReadOptions
-from modalmotion.formats.named_arrays import RAW_TYPES
+from modalmotion.formats import named_arrays
 from modalmotion.mesh import NO_FACTS, WORDS, Facts, facts_from_texts
 from modalmotion.mesh.facts import stated_twice
 from modalmotion.mesh.sequence import MeshSequence
@@ -32,8 +31,7 @@ from modalmotion.progress import Progress, Reporter, Stopwatch
 from modalmotion.signature.making import ModalSignature, modal_signature
 
 if TYPE_CHECKING:
-    from modalmotion.classification import TrainingCase
-    from modalmotion.classification.cases import LeftOut
+    from modalmotion.classification import TrainingCase, cases
 
 T = TypeVar("T")
 
@@ -168,10 +166,10 @@ sequence_argument = several(
         callback=_one_path,
     ),
     options_of(
-        ReadOptions,
+        formats.ReadOptions,
         *("unit", "format", "frame_interval", "n_vertices", "dtype"),
         group=READING,
-        dtype={"type": click.Choice(list(RAW_TYPES))},
+        dtype={"type": click.Choice(list(named_arrays.RAW_TYPES))},
     ),
     fact_options,
 )
@@ -192,7 +190,7 @@ def read(source: Path, *, beside: Sequence[str] = (), **stated: Any) -> MeshSequ
     **stated
         Fields of `ReadOptions`, and options that state facts.
     """
-    options = ReadOptions(facts=stated_facts(stated), **stated)
+    options = formats.ReadOptions(facts=stated_facts(stated), **stated)
     with naming(source), counting("frames") as bar:
         result = read_recording(source, options, progress=bar)
     if ignored := [name for name in result.ignored if name not in beside]:
@@ -207,8 +205,8 @@ def naming(path: Path) -> Iterator[None]:
     """Name a file in the errors of reading it, where they do not name it already."""
     try:
         yield
-    except ModalMotionError as error:
-        raise named(error, "" if f"'{path.name}'" in error.message else path.name) from error
+    except errors.ModalMotionError as error:
+        raise errors.named(error, "" if f"'{path.name}'" in error.message else path.name) from error
 
 
 def each_labelled(
@@ -218,7 +216,7 @@ def each_labelled(
     skips: bool,
     facts: Facts = NO_FACTS,
     **stated: Any,
-) -> tuple[list[T], list[LeftOut]]:
+) -> tuple[list[T], list[cases.LeftOut]]:
     """Read recordings one by one, each for a use.
 
     Parameters
@@ -238,22 +236,21 @@ def each_labelled(
     used : list
     left_out : list of LeftOut
     """
-    from modalmotion.classification.cases import UNUSABLE, LeftOut
-    from modalmotion.classification.manifest import LabelledSequence, labelled_files
+    from modalmotion.classification import cases, manifest
 
     used: list[T] = []
-    left_out: list[LeftOut] = []
-    files = labelled_files(sources, skip_unreadable=skips, needs_label=False)
+    left_out: list[cases.LeftOut] = []
+    files = manifest.labelled_files(sources, skip_unreadable=skips, needs_label=False)
     with progress_bar(files, label="recordings") as bar:
         for file in bar:
-            source = LabelledSequence(replace(file, facts=facts.over(file.facts)), stated)
+            source = manifest.LabelledSequence(replace(file, facts=facts.over(file.facts)), stated)
             try:
                 used.append(use(source.read()))
-            except UNUSABLE as error:
+            except cases.UNUSABLE as error:
                 is_named = source.name in error.message
                 if not skips:
-                    raise named(error, "" if is_named else source.name) from error
-                left_out.append(LeftOut.of(error, source.name))
+                    raise errors.named(error, "" if is_named else source.name) from error
+                left_out.append(cases.LeftOut.of(error, source.name))
     return used, left_out
 
 

@@ -9,22 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import click
 
+from modalmotion import store
 from modalmotion.classification.manifest import LabelledSequence, labelled_files
 from modalmotion.classification.options import OnError, TrainingOptions
+from modalmotion.cli import shared
 from modalmotion.cli.files import counting, read, sequence_argument
-from modalmotion.cli.options import (
-    Cases,
-    Coverage,
-    OutputFile,
-    Plot,
-    command,
-    described,
-    labelled_sources,
-    members,
-    options_of,
-    surface_options,
-    write_picture,
-)
 from modalmotion.representation import numeral, plain, probability
 
 if TYPE_CHECKING:
@@ -46,17 +35,17 @@ _HELP: Final = {
 _OWN: Final[dict[str, Any]] = {name: {"help": text} for name, text in _HELP.items()}
 
 
-@command("evaluate mine.h5 others.csv")
+@shared.command("evaluate mine.h5 others.csv")
 @click.argument("model", metavar="MODEL")
-@labelled_sources
+@shared.labelled_sources
 def evaluate(
     model: str,
     sources: tuple[Path, ...],
     skip_unreadable: bool,
     unit: str | None = None,
-    coverage: Coverage = 0.9,
-    plot: Plot = None,
-    cases_file: Cases = None,
+    coverage: shared.Coverage = 0.9,
+    plot: shared.Plot = None,
+    cases_file: shared.Cases = None,
 ) -> Any:
     """Test MODEL, a file or a name, on labelled sequences that it was not trained on.
 
@@ -76,7 +65,6 @@ def evaluate(
     """
     from modalmotion.classification import evaluate as test
     from modalmotion.classification.cases import left_out_notes
-    from modalmotion.store import write_atomic
 
     files = labelled_files(sources, skip_unreadable=skip_unreadable)
     cases = [LabelledSequence(file, {"unit": unit}) for file in files]
@@ -87,22 +75,22 @@ def evaluate(
     if plot is not None:
         from modalmotion.pictures.classification import evaluation_figure
 
-        write_picture(evaluation_figure(result), plot)
+        shared.write_picture(evaluation_figure(result), plot)
     if cases_file is not None:
-        write_atomic(cases_file, result.as_csv().encode())
+        store.write_atomic(cases_file, result.as_csv().encode())
     answer = plain(result)
     said = {**answer, "cases": None, "confusion": _confusion(result.classes, result.confusion)}
-    return {**answer, "left_out": notes}, described({**said, "left_out": notes})
+    return {**answer, "left_out": notes}, shared.described({**said, "left_out": notes})
 
 
-@command("classify beat.npz --model mine.h5")
+@shared.command("classify beat.npz --model mine.h5")
 @sequence_argument
-@surface_options
+@shared.surface_options
 def classify(
     source: Path,
     model: str = "ventricle-simulated",
-    coverage: Coverage = 0.9,
-    plot: Plot = None,
+    coverage: shared.Coverage = 0.9,
+    plot: shared.Plot = None,
     **stated: Any,
 ) -> Any:
     """Classify the motion of the sequence in FILE.
@@ -120,7 +108,7 @@ def classify(
     from modalmotion.classification import classify as ask
     from modalmotion.classification import shipped_for
     from modalmotion.mesh.sequence import MeshSequence
-    from modalmotion.modes.topology import MESH
+    from modalmotion.modes.topologies import MESH
     from modalmotion.signature.making import ModalSignature, modal_signature
 
     springs = stated["topology"] == MESH
@@ -135,14 +123,14 @@ def classify(
     if plot is not None:
         from modalmotion.pictures.classification import answer_figure
 
-        write_picture(answer_figure(result), plot)
+        shared.write_picture(answer_figure(result), plot)
     return _answer_json(result), _answer_lines(result)
 
 
-@command("card mine.h5 --markdown -o README.md")
+@shared.command("card mine.h5 --markdown -o README.md")
 @click.argument("model")
 def card(
-    model: str, markdown: bool = False, out: Annotated[Path | None, OutputFile()] = None
+    model: str, markdown: bool = False, out: Annotated[Path | None, shared.OutputFile()] = None
 ) -> Any:
     """Show the training and the performance of MODEL.
 
@@ -156,12 +144,11 @@ def card(
         File to write.
     """
     from modalmotion.classification import card_markdown
-    from modalmotion.store import write_atomic
 
     stored = model_named(model)
     text = card_markdown(stored.name, stored.id, stored.card, head=markdown)
     if out is not None:
-        write_atomic(out, text.encode())
+        store.write_atomic(out, text.encode())
     return stored.card.as_json(), [text.rstrip()] if out is None else []
 
 
@@ -181,12 +168,12 @@ def model_named(which: str) -> Model:
     return load_model(path if path.is_file() else which)
 
 
-@command("features cases.csv -o features.csv --covariate age")
-@labelled_sources
+@shared.command("features cases.csv -o features.csv --covariate age")
+@shared.labelled_sources
 def features(
     sources: tuple[Path, ...],
     skip_unreadable: bool,
-    out: Annotated[Path, OutputFile(".csv")],
+    out: Annotated[Path, shared.OutputFile(".csv")],
     modes: int = 7,
     topology: str | None = None,
     kind: Literal["auto", "axis", "summary", "modes", "terms"] = "auto",
@@ -218,7 +205,6 @@ def features(
     """
     from modalmotion.classification import SignatureFeatures, feature_table
     from modalmotion.classification.cases import left_out_notes
-    from modalmotion.store import write_atomic
 
     wanted: Any = "all" if "all" in covariates else list(covariates) or None
     transformer = SignatureFeatures(
@@ -232,24 +218,24 @@ def features(
             on_error="leave out" if skip_unreadable else "raise",
             progress=show,
         )
-    write_atomic(out, table.as_csv().encode())
+    store.write_atomic(out, table.as_csv().encode())
     n, m = table.values.shape
     notes = list(left_out_notes(table.left_out))
     reads = transformer.extractor_.description
     return {"n_cases": n, "n_features": m, "reads": reads, "notes": notes}
 
 
-@command("train cases.csv --name mine -o mine.h5")
-@labelled_sources
-@options_of(TrainingOptions, *_HELP, **_OWN)
+@shared.command("train cases.csv --name mine -o mine.h5")
+@shared.labelled_sources
+@shared.options_of(TrainingOptions, *_HELP, **_OWN)
 def train(
     sources: tuple[Path, ...],
     skip_unreadable: bool,
     name: str,
-    out: Annotated[Path, OutputFile()],
+    out: Annotated[Path, shared.OutputFile()],
     unit: str | None = None,
-    plot: Plot = None,
-    cases_file: Cases = None,
+    plot: shared.Plot = None,
+    cases_file: shared.Cases = None,
     **options: Any,
 ) -> Any:
     """Train a model on labelled sequences.
@@ -273,23 +259,22 @@ def train(
     """
     from modalmotion.classification import card_markdown
     from modalmotion.classification import train as fit
-    from modalmotion.store import model_to_hdf5, require_model_name, write_atomic
 
-    require_model_name(name)
+    store.require_model_name(name)
     on_error = OnError.LEAVE_OUT if skip_unreadable else OnError.RAISE
     training_options = TrainingOptions.from_json({**options, "on_error": on_error})
     files = labelled_files(sources, skip_unreadable=skip_unreadable)
     with counting("training") as show:
         cases = [LabelledSequence(file, {"unit": unit}) for file in files]
         model = fit(cases, name, training_options, show)
-    write_atomic(out, model_to_hdf5(model))
+    store.write_atomic(out, store.model_to_hdf5(model))
     if plot is not None:
         from modalmotion.pictures.classification import card_figure
 
-        write_picture(card_figure(model.card, name), plot)
+        shared.write_picture(card_figure(model.card, name), plot)
     said = [card_markdown(model.name, model.id, model.card)]
     if cases_file is not None and model.cross_validation is not None:
-        write_atomic(cases_file, model.cross_validation.as_csv().encode())
+        store.write_atomic(cases_file, model.cross_validation.as_csv().encode())
     elif cases_file is not None:
         said.append("note: without a cross-validation there is no table of held-out cases")
         cases_file = None
@@ -334,8 +319,10 @@ def _answer_lines(result: Classification) -> Iterator[str]:
 def _answer_json(result: Classification) -> dict[str, object]:
     """Give the members of a model's answer for a sequence, as JSON has them."""
     return {
-        **members(result, "sequence_id", "model", "model_id", "label", "class_set", "coverage"),
+        **shared.members(
+            result, "sequence_id", "model", "model_id", "label", "class_set", "coverage"
+        ),
         "probabilities": dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
-        **members(result, "flags", "notes"),
+        **shared.members(result, "flags", "notes"),
         "explanation": [asdict(part) for part in result.explanation],
     }

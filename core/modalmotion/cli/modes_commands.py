@@ -1,31 +1,17 @@
 """Commands that show vibration modes: their table and pictures, and motions composed of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 
+from modalmotion import errors, formats, notes, store
+from modalmotion.cli import shared
 from modalmotion.cli.files import read, sequence_argument
-from modalmotion.cli.options import (
-    PICTURES,
-    OutputFile,
-    command,
-    surface_options,
-    write_picture,
-)
-from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import standard_surface
-from modalmotion.modes import ModeLabel
+from modalmotion.modes import ModeLabel, topologies
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import MESH, Topology, parse_label
-from modalmotion.notes import notes_as_json
-from modalmotion.signature.making import (
-    SignatureParameters,
-    resolve_parameters,
-    resolve_template,
-)
+from modalmotion.signature import making
 from modalmotion.template import Template, make_template
 from modalmotion.template.body_frame import Direction, directions_on
 from modalmotion.template.vibration_modes import (
@@ -37,7 +23,7 @@ from modalmotion.template.vibration_modes import (
 )
 
 _GRIDS: Final = {1: (64,), 2: (32, 64), 3: (8, 8, 16)}
-_MODE_FILES: Final = (*PICTURES, ".glb", ".npz", ".h5")
+_MODE_FILES: Final = (*shared.PICTURES, ".glb", ".npz", ".h5")
 _ANIMATIONS: Final = (".glb", ".vtkhdf", ".npz", ".zip", ".gif")
 _TERMS: Final = {"flag": "mode", "type": str, "multiple": True, "metavar": "LABEL=AMPLITUDE"}
 
@@ -50,16 +36,16 @@ class _Surface(NamedTuple):
     unit: str | None
 
 
-@command("modes cylinder --grid 32,64 --modes 7 -o modes.png")
+@shared.command("modes cylinder --grid 32,64 --modes 7 -o modes.png")
 @sequence_argument
-@surface_options
+@shared.surface_options
 def modes(
     source: Path,
     grid: tuple[int, ...] | None,
     topology: str | None,
     modes: int = 7,
     direction: Direction = Direction.NORMAL,
-    output: Annotated[Path | None, OutputFile(*_MODE_FILES)] = None,
+    output: Annotated[Path | None, shared.OutputFile(*_MODE_FILES)] = None,
     **stated: Any,
 ) -> Any:
     """List the vibration modes of a lattice or of the surface in FILE.
@@ -89,19 +75,19 @@ def modes(
             {"label": str(label), "angular_frequency": w}
             for label, w in zip(vibration_modes.labels, frequencies, strict=True)
         ],
-        "notes": notes_as_json(vibration_modes.notes),
+        "notes": notes.notes_as_json(vibration_modes.notes),
     }
 
 
-@command("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb")
+@shared.command("animate beat.npz --mode 1,1,cos=5 --mode 0,2,sin=3 -o swing.glb")
 @sequence_argument
-@surface_options
+@shared.surface_options
 def animate(
     source: Path,
     grid: tuple[int, ...] | None,
     topology: str | None,
     terms: Annotated[tuple[str, ...], _TERMS],
-    output: Annotated[Path, OutputFile(*_ANIMATIONS)],
+    output: Annotated[Path, shared.OutputFile(*_ANIMATIONS)],
     direction: Direction = Direction.NORMAL,
     frames: int = 48,
     seconds: float = 2.0,
@@ -163,8 +149,8 @@ def _surface(
     """Read the file, or make the lattice named instead."""
     if not source.exists():
         try:
-            named = Topology.parse(str(source))
-        except TopologyError:
+            named = topologies.Topology.parse(str(source))
+        except errors.TopologyError:
             named = None
         if named is not None:
             lattice = Lattice(named, _GRIDS[named.n_axes] if grid is None else grid)
@@ -172,16 +158,20 @@ def _surface(
                 return _Surface(lattice, None, None)
             return _Surface(lattice, make_template(standard_surface(lattice)), None)
     # It states how the surface is treated, not its topology.
-    springs = topology == MESH
+    springs = topology == topologies.MESH
     sequence = read(source, grid=grid, topology=None if springs else topology, **stated)
-    request = SignatureParameters(topology=MESH) if springs else SignatureParameters()
-    parameters = resolve_parameters(sequence, request)
-    return _Surface(None, resolve_template(sequence, parameters), sequence.unit)
+    request = (
+        making.SignatureParameters(topology=topologies.MESH)
+        if springs
+        else making.SignatureParameters()
+    )
+    parameters = making.resolve_parameters(sequence, request)
+    return _Surface(None, making.resolve_template(sequence, parameters), sequence.unit)
 
 
 def _template(surface: _Surface) -> Template:
     if surface.template is None:
-        raise TopologyError(
+        raise errors.TopologyError(
             "A volume has no surface to draw or to move.",
             remedy="Ask for the table or for its shapes (.npz, .h5), or name a surface.",
         )
@@ -199,11 +189,11 @@ def _terms(terms: tuple[str, ...]) -> tuple[list[ModeLabel], list[float]]:
     amplitudes = []
     for term in terms:
         name, _, value = term.rpartition("=")
-        labels.append(parse_label(name))
+        labels.append(topologies.parse_label(name))
         try:
             amplitudes.append(float(value))
         except ValueError:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"{value[:40]!r} in {term[:60]!r} is not an amplitude.",
                 remedy="Write LABEL=AMPLITUDE, such as 1,1,cos=5.",
             ) from None
@@ -214,39 +204,35 @@ def _write_modes(
     output: Path, surface: _Surface, vibration_modes: VibrationModes, direction: Direction
 ) -> None:
     from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz, one_by_one
-    from modalmotion.formats import write_glb
-    from modalmotion.store import write_atomic
 
     if output.suffix.lower() == ".npz":
-        write_atomic(output, modes_to_npz(vibration_modes))
+        store.write_atomic(output, modes_to_npz(vibration_modes))
     elif output.suffix.lower() == ".h5":
-        write_atomic(output, modes_to_hdf5(vibration_modes))
+        store.write_atomic(output, modes_to_hdf5(vibration_modes))
     elif output.suffix.lower() == ".glb":
         template = _template(surface)
         along = directions_on(template, direction)
         motion = one_by_one(template, vibration_modes, along, surface.unit)
-        write_atomic(output, write_glb(motion.morph_animation()))
+        store.write_atomic(output, formats.write_glb(motion.morph_animation()))
     else:
         from modalmotion.pictures.modes import modes_figure
 
-        write_picture(modes_figure(_template(surface), vibration_modes), output)
+        shared.write_picture(modes_figure(_template(surface), vibration_modes), output)
 
 
 def _write_animation(output: Path, template: Template, motion: Any, step: float) -> None:
     from modalmotion.exports.signature_pack import SUFFIXES, SurfaceFormat, write_surfaces
-    from modalmotion.formats import write_glb
-    from modalmotion.store import write_atomic
 
     if output.suffix.lower() in SUFFIXES:
         form = SUFFIXES[output.suffix.lower()]
         if form == SurfaceFormat.GLB:
-            write_atomic(output, write_glb(motion.morph_animation()))
+            store.write_atomic(output, formats.write_glb(motion.morph_animation()))
             return
         fields = {"displacement": np.stack([*motion.heights()])}
-        write_atomic(output, write_surfaces(motion.sequence(), form, fields))
+        store.write_atomic(output, write_surfaces(motion.sequence(), form, fields))
         return
     from modalmotion.pictures.modes import Extent, draw_frames, write_gif
 
     extent = Extent(template, motion.positions(), motion.heights())
     pictures = draw_frames(template, motion.positions(), motion.heights(), extent)
-    write_atomic(output, write_gif(pictures, step))
+    store.write_atomic(output, write_gif(pictures, step))

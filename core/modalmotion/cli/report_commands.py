@@ -11,33 +11,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 import numpy as np
 
-from modalmotion.cli.files import Waiting, fitted, naming, sequence_argument
-from modalmotion.cli.options import (
-    EXISTING,
-    EXISTING_FILE,
-    Existing,
-    OutputFile,
-    OutputFolder,
-    command,
-    fit_options,
-    several,
-)
-from modalmotion.cli.track_commands import fitted_recording, tracking_options
+from modalmotion import store
+from modalmotion.cli import files, shared, track_commands
 from modalmotion.exports.reading import stream_at
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.representation import with_interval
 
 if TYPE_CHECKING:
     from modalmotion.reports import Report
 
-report_options = several(
-    sequence_argument,
+report_options = shared.several(
+    files.sequence_argument,
     click.option("--model", help="Model: the name of an included one, or a file; none by default."),
     click.option(
         "--norm",
         "norm_file",
-        type=EXISTING,
+        type=shared.EXISTING,
         help="Norm of your own controls, a file.",
     ),
     click.option(
@@ -45,15 +35,15 @@ report_options = several(
         help="Time of the result, as 2026-01-31T12:00:00+00:00; now by default. The same time "
         "gives the same bytes.",
     ),
-    tracking_options,
-    fit_options,
+    track_commands.tracking_options,
+    shared.fit_options,
 )
 """Source of a recording, and its options; `_reported` takes them."""
 
 
 def _reported(
     source: Path,
-    waiting: Waiting,
+    waiting: files.Waiting,
     model: str | None,
     norm_file: Path | None,
     issued: str | None,
@@ -75,7 +65,7 @@ def _reported(
     if model is not None:
         model_named(model)
     norm = None if norm_file is None else norm_from_hdf5(norm_file)
-    sequence, signature = fitted_recording(source, waiting, options)
+    sequence, signature = track_commands.fitted_recording(source, waiting, options)
     answer = deviation = None
     if model is not None:
         with waiting.watch.stage("class"):
@@ -88,11 +78,11 @@ def _reported(
     return replace(found, name=source.name)
 
 
-@command("report map.nii.gz -o folder")
+@shared.command("report map.nii.gz -o folder")
 @report_options
 def report(
     source: Path,
-    out: Annotated[Path, OutputFolder(".pdf", ".json", ".csv", ".html")],
+    out: Annotated[Path, shared.OutputFolder(".pdf", ".json", ".csv", ".html")],
     **options: Any,
 ) -> Any:
     """Report on the sequence in FILE: PDF, FHIR, CSV and HTML.
@@ -110,7 +100,7 @@ def report(
     from modalmotion.reports.page import write_report
     from modalmotion.viewer.page import View
 
-    with Waiting(source) as waiting:
+    with files.Waiting(source) as waiting:
         found = _reported(source, waiting, **options)
         with waiting.watch.stage("write"):
             answer = found.classification
@@ -130,12 +120,12 @@ def quantity_lines(found: Report) -> Iterator[str]:
         yield f"{OWN[q.name]:<32}{value:>8} {q.unit} ({interval})"
 
 
-@command("dicom beat.npz --study image.dcm --coordinates LPS --cavity lv -o folder")
+@shared.command("dicom beat.npz --study image.dcm --coordinates LPS --cavity lv -o folder")
 @report_options
 def dicom(
     source: Path,
-    out: Annotated[Path, OutputFolder()],
-    study: Annotated[Path, EXISTING_FILE],
+    out: Annotated[Path, shared.OutputFolder()],
+    study: Annotated[Path, shared.EXISTING_FILE],
     **options: Any,
 ) -> Any:
     """Write a DICOM structured report and surfaces of the sequence in FILE.
@@ -153,28 +143,27 @@ def dicom(
         read.
     """
     from modalmotion.reports.dicom import dicom_instances, read_study, require_space
-    from modalmotion.store import write_atomic
 
-    with naming(study):
+    with files.naming(study):
         header = read_study(study)
-    with Waiting(source) as waiting:
+    with files.Waiting(source) as waiting:
         found = _reported(source, waiting, **options)
         require_space(found.sequence.facts, found.sequence.unit)
         with waiting.watch.stage("write"):
             pieces = dicom_instances(found, header)
             out.mkdir(parents=True, exist_ok=True)
             for name, data in pieces.items():
-                write_atomic(out / name, data)
+                store.write_atomic(out / name, data)
     return {"caveats": found.caveats, "written": [out / name for name in pieces]}
 
 
-@command("view beat.npz -o beat.html")
-@sequence_argument
-@fit_options
+@shared.command("view beat.npz -o beat.html")
+@files.sequence_argument
+@shared.fit_options
 def view(
     source: Path,
-    output: Annotated[Path, OutputFile(".html")],
-    other: Annotated[Existing, {"flag": "with"}] = None,
+    output: Annotated[Path, shared.OutputFile(".html")],
+    other: Annotated[shared.Existing, {"flag": "with"}] = None,
     classify: bool = True,
     **options: Any,
 ) -> Any:
@@ -194,14 +183,13 @@ def view(
         Show the class by the included model.
     """
     from modalmotion.classification import classify as ask
-    from modalmotion.store import write_atomic
     from modalmotion.tracking.hdf5 import kept_track
     from modalmotion.viewer.page import View, view_page
 
     views = []
-    with Waiting(source) as waiting:
+    with files.Waiting(source) as waiting:
         for path in filter(None, (source, other)):
-            sequence, signature = fitted(path, waiting, {**options})
+            sequence, signature = files.fitted(path, waiting, {**options})
             # The included model knows ventricles only.
             answer = ask(sequence) if classify and signature.topology == CUP else None
             tracked = kept_track(path)
@@ -211,17 +199,16 @@ def view(
                 View(signature, sequence, path.name, None, answer, data=data, stream=stream)
             )
         with waiting.watch.stage("write"):
-            write_atomic(output, view_page(views).encode())
+            store.write_atomic(output, view_page(views).encode())
     return {"titles": [view.title for view in views]}
 
 
 def _stream(path: Path, sequence: MeshSequence) -> bytes | None:
     """Give the bytes of a compressed file, if a page can decode them to this sequence."""
-    from modalmotion.codec import decode, inspect
-    from modalmotion.codec.spatial_modes import STORED
+    from modalmotion.codec import decode, inspect, spatial_modes
 
     data = stream_at(path)
-    if data is None or inspect(data).modes == STORED:
+    if data is None or inspect(data).modes == spatial_modes.STORED:
         return None
     # Options of reading may have changed the order of frames.
     return data if np.array_equal(decode(data).vertices, sequence.vertices) else None

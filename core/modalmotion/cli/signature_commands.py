@@ -1,7 +1,5 @@
 """Commands of modal signatures: fit, reconstruct, and the trade-off of their size."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -9,21 +7,8 @@ from typing import Annotated, Any
 
 import click
 
+from modalmotion.cli import shared
 from modalmotion.cli.files import Waiting, fitted, read, sequence_argument
-from modalmotion.cli.options import (
-    PICTURES,
-    OnlyPlot,
-    OutputFile,
-    Plot,
-    command,
-    described,
-    fit_options,
-    members,
-    mode_options,
-    signature_parameters,
-    surface_options,
-    write_picture,
-)
 from modalmotion.exports.signature_pack import (
     SUFFIXES,
     write_superposed,
@@ -44,13 +29,15 @@ from modalmotion.store import write_atomic
 from modalmotion.template.body_frame import Components
 
 
-@command("signature beat.npz --modes 18 -o beat.h5 --plot beat.png")
+@shared.command("signature beat.npz --modes 18 -o beat.h5 --plot beat.png")
 @sequence_argument
-@fit_options
+@shared.fit_options
 def signature(
     source: Path,
-    output: Annotated[Path | None, OutputFile(".h5", ".csv", ".html", *PICTURES)] = None,
-    plot: Plot = None,
+    output: Annotated[
+        Path | None, shared.OutputFile(".h5", ".csv", ".html", *shared.PICTURES)
+    ] = None,
+    plot: shared.Plot = None,
     **options: Any,
 ) -> Any:
     """Fit the modal signature of the sequence in FILE.
@@ -69,16 +56,16 @@ def signature(
         watch = waiting.watch
         sequence, result = fitted(source, waiting, options)
         for path in filter(None, (output, plot)):
-            with watch.stage("picture" if path.suffix.lower() in PICTURES else "write"):
+            with watch.stage("picture" if path.suffix.lower() in shared.PICTURES else "write"):
                 _write(path, sequence, result)
     return summary(result, price_of(result, waiting.milliseconds())), _lines(result)
 
 
 def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
-    if path.suffix.lower() in PICTURES:
+    if path.suffix.lower() in shared.PICTURES:
         from modalmotion.pictures.signature import signature_figure
 
-        write_picture(signature_figure(sequence, result), path)
+        shared.write_picture(signature_figure(sequence, result), path)
     elif path.suffix.lower() == ".h5":
         # Without the imports of all that can be saved.
         from modalmotion.store import signature_to_hdf5
@@ -88,12 +75,12 @@ def _write(path: Path, sequence: MeshSequence, result: ModalSignature) -> None:
         result.save(path)
 
 
-@command("reconstruct beat.npz -o beat.glb --modes 7")
+@shared.command("reconstruct beat.npz -o beat.glb --modes 7")
 @sequence_argument
-@fit_options
+@shared.fit_options
 def reconstruct(
     source: Path,
-    output: Annotated[Path, OutputFile(*SUFFIXES)],
+    output: Annotated[Path, shared.OutputFile(*SUFFIXES)],
     max_targets: int | None = None,
     **options: Any,
 ) -> Any:
@@ -111,20 +98,22 @@ def reconstruct(
         sequence, result = fitted(source, waiting, options)
         with waiting.watch.stage("write"):
             write_atomic(output, write_superposed(result, sequence, kind, max_targets=max_targets))
-    return members(result, "n_frames", "rms_error", "unit")
+    return shared.members(result, "n_frames", "rms_error", "unit")
 
 
 def summary(result: ModalSignature, price: Price) -> dict[str, object]:
     """Return the summary numbers of a signature."""
     largest = ("motion_rms", "weighted_motion_rms")
     return {
-        **members(result, "surface as topology", "n_frames", "n_vertices", "kind", "unit"),
-        **members(result, "n_amplitudes as amplitudes_per_frame", "deviation_share", "condition"),
-        **members(result, "rms_error", "weighted_rms_error", "max_error"),
+        **shared.members(result, "surface as topology", "n_frames", "n_vertices", "kind", "unit"),
+        **shared.members(
+            result, "n_amplitudes as amplitudes_per_frame", "deviation_share", "condition"
+        ),
+        **shared.members(result, "rms_error", "weighted_rms_error", "max_error"),
         "p95_error": float(result.p95_errors.max()),
         **{name: float(getattr(result, name).max()) for name in largest},
-        **members(result, "compression", "compression_of_sequence", "deformation_spectrum"),
-        **members(result, "times", "amplitudes", "sequence_id", "notes"),
+        **shared.members(result, "compression", "compression_of_sequence", "deformation_spectrum"),
+        **shared.members(result, "times", "amplitudes", "sequence_id", "notes"),
         "modes": len(result.modes),
         "labels": [str(label) for label in result.modes.labels],
         "facts": facts_as_json(result.facts),
@@ -166,15 +155,15 @@ def _lines(result: ModalSignature) -> Iterator[str]:
     yield from (f"note: {note}" for note in result.notes)
 
 
-@command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")
+@shared.command("tradeoff beat.npz --tolerance 1 -o tradeoff.png")
 @sequence_argument
-@mode_options
-@surface_options
+@shared.mode_options
+@shared.surface_options
 def tradeoff(
     source: Path,
     components: Components | None = None,
     front_modes: Annotated[int, click.IntRange(1, 2000)] = MOST_OF_FRONT,
-    plot: OnlyPlot = None,
+    plot: shared.OnlyPlot = None,
     **options: Any,
 ) -> Any:
     """Measure error, size and time of each number of modes for the sequence in FILE.
@@ -190,7 +179,7 @@ def tradeoff(
     plot
         Picture to write (.png, .svg, .pdf).
     """
-    parameters = signature_parameters(options)
+    parameters = shared.signature_parameters(options)
     with Waiting(source) as waiting:
         with waiting.watch.stage("read"):
             sequence = read(source, **options)
@@ -205,7 +194,7 @@ def tradeoff(
             with waiting.watch.stage("picture"):
                 from modalmotion.pictures.signature import tradeoff_figure
 
-                write_picture(tradeoff_figure(result), plot)
+                shared.write_picture(tradeoff_figure(result), plot)
     price = replace(result.chosen.price, milliseconds=waiting.milliseconds())
     result = replace(result, chosen=replace(result.chosen, price=price))
     return as_plain(result), _lines_of_tradeoff(result)
@@ -225,14 +214,16 @@ def _lines_of_tradeoff(result: Tradeoff) -> Iterator[str]:
     signature = chosen.signature
     named = ("rms_error", "weighted_rms_error", "p95_error", "max_error", "amplitudes_per_frame")
     notes = [] if result.noise is None else [result.noise.note(front.unit)]
-    yield from described(
+    yield from shared.described(
         {
-            **members(front, "n_frames", "n_vertices", "unit", "motion_rms"),
+            **shared.members(front, "n_frames", "n_vertices", "unit", "motion_rms"),
             "rms_errors": errors,
             "chosen": {
                 "n_modes": len(signature.modes),
-                **members(signature, "surface", "parameters.components", "parameters.harmonics"),
-                **members(chosen.price, *named),
+                **shared.members(
+                    signature, "surface", "parameters.components", "parameters.harmonics"
+                ),
+                **shared.members(chosen.price, *named),
                 "unit": front.unit,
             },
             "notes": (*notes, *signature.notes),

@@ -1,7 +1,5 @@
 """Commands that simulate ventricles: one, by every parameter of the model; or a cohort."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import fields
 from pathlib import Path
@@ -10,17 +8,8 @@ from typing import Annotated, Any, Final
 import click
 import numpy as np
 
-from modalmotion.cli.files import progress_bar
-from modalmotion.cli.options import (
-    SEQUENCE,
-    VENTRICLE,
-    OutputFile,
-    OutputFolder,
-    command,
-    members,
-    options_of,
-)
-from modalmotion.formats import write_npz
+from modalmotion import formats, store
+from modalmotion.cli import files, shared
 from modalmotion.formats.volumes.one_file import write_nifti, write_nifti_zip
 from modalmotion.representation import csv_text
 from modalmotion.simulate import (
@@ -32,18 +21,17 @@ from modalmotion.simulate import (
     simulate_ventricle,
 )
 from modalmotion.simulate import simulate_cohort as cohort
-from modalmotion.store import write_atomic
 
 _STATED: Final = ("tracking", "handedness", "period", "cavity", "modality")
 """Facts that the simulator knows."""
 
 
-@command("simulate -o beat.npz --ejection-fraction 0.4")
-@options_of(
-    VentricleParameters, *(one.name for one in fields(VentricleParameters)), group=VENTRICLE
+@shared.command("simulate -o beat.npz --ejection-fraction 0.4")
+@shared.options_of(
+    VentricleParameters, *(one.name for one in fields(VentricleParameters)), group=shared.VENTRICLE
 )
 def simulate(
-    output: Annotated[Path, OutputFile()],
+    output: Annotated[Path, shared.OutputFile()],
     frames: int = 25,
     noise: float = 0.0,
     grid: Annotated[tuple[int, ...] | None, {"default": "32,64"}] = None,
@@ -86,8 +74,8 @@ def simulate(
         acquisition=Acquisition(n_frames=frames, noise=noise),
         rng=np.random.default_rng(seed),
     )
-    write_atomic(output, write_npz(sequence))
-    return members(sequence, *SEQUENCE)
+    store.write_atomic(output, formats.write_npz(sequence))
+    return shared.members(sequence, *shared.SEQUENCE)
 
 
 def _write_images(
@@ -104,17 +92,17 @@ def _write_images(
         },
     }
     is_one = output.name.endswith((".nii", ".nii.gz"))
-    write_atomic(output, (write_nifti if is_one else write_nifti_zip)(phantom.images))
+    store.write_atomic(output, (write_nifti if is_one else write_nifti_zip)(phantom.images))
     stem = output.name.removesuffix(".gz").removesuffix(output.suffix).removesuffix(".nii")
     truth, places = (output.with_name(stem + end) for end in (".truth.npz", ".landmarks.json"))
-    write_atomic(truth, write_npz(phantom.truth))
-    write_atomic(places, json.dumps(marks).encode())
+    store.write_atomic(truth, formats.write_npz(phantom.truth))
+    store.write_atomic(places, json.dumps(marks).encode())
     return output, truth, places
 
 
-@command("simulate-cohort -o cohort --per-class 50")
+@shared.command("simulate-cohort -o cohort --per-class 50")
 def simulate_cohort(
-    output: Annotated[Path, OutputFolder()],
+    output: Annotated[Path, shared.OutputFolder()],
     per_class: Annotated[int, click.IntRange(min=1)] = 20,
     noise: float = 0.6,
     seed: int = 0,
@@ -136,12 +124,12 @@ def simulate_cohort(
     rows: list[list[object]] = [["path", "label", "subject", *_STATED]]
     total = per_class * len(MotionClass)
     cases = cohort(per_class, rng=np.random.default_rng(seed), noise=noise)
-    with progress_bar(cases, length=total, label="ventricles") as bar:
+    with files.progress_bar(cases, length=total, label="ventricles") as bar:
         for number, case in enumerate(bar):
             name = f"ventricle-{seed}-{number:04d}"
-            write_atomic(output / f"{name}.npz", write_npz(case.sequence))
+            store.write_atomic(output / f"{name}.npz", formats.write_npz(case.sequence))
             facts = [getattr(case.sequence.facts, fact) for fact in _STATED]
             rows.append([f"{name}.npz", case.label, name, *facts])
-    write_atomic(output / "cases.csv", csv_text(rows).encode())
+    store.write_atomic(output / "cases.csv", csv_text(rows).encode())
     classes = [one.value for one in MotionClass]
     return {"n_cases": total, "classes": classes, "written": [output / "cases.csv"]}

@@ -1,7 +1,5 @@
 """Commands that maintain a store."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import asdict
 from pathlib import Path
@@ -10,7 +8,7 @@ from typing import Annotated, Any
 import click
 
 from modalmotion.cli.files import counting
-from modalmotion.cli.options import EXISTING_FOLDER, OutputFile, OutputFolder, command, described
+from modalmotion.cli.shared import EXISTING_FOLDER, OutputFile, OutputFolder, command, described
 from modalmotion.notes import Note
 
 _FOLDER = click.argument("folder", type=EXISTING_FOLDER, metavar="FOLDER")

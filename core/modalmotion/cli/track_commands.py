@@ -9,30 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 import click
 import numpy as np
 
+from modalmotion import errors, formats, notes, store, tracking
+from modalmotion.cli import shared
 from modalmotion.cli.files import Waiting, counting, naming, read, stated_facts
-from modalmotion.cli.options import (
-    EXISTING,
-    MOVING,
-    PICTURES,
-    TRACKING,
-    Grouped,
-    OutputFile,
-    Plot,
-    command,
-    members,
-    options_of,
-    several,
-    signature_parameters,
-    write_picture,
-)
-from modalmotion.errors import ParameterError
-from modalmotion.formats import write_npz
-from modalmotion.formats.ply import write_ply
+from modalmotion.formats import ply
 from modalmotion.formats.volumes import read_images
 from modalmotion.formats.volumes.reading import holds_images
 from modalmotion.images import ImageSequence
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.notes import notes_as_json
 from modalmotion.pictures.track import (
     data_figure,
     determined_figure,
@@ -43,9 +27,7 @@ from modalmotion.pictures.track import (
 )
 from modalmotion.progress import Reporter
 from modalmotion.signature.making import ModalSignature, modal_signature
-from modalmotion.store import write_atomic
-from modalmotion.tracking import Track
-from modalmotion.tracking.hdf5 import track_to_hdf5
+from modalmotion.tracking import hdf5
 from modalmotion.tracking.landmarks import read_landmark_file
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion.tracking.reading import Recorded, holds_contours, read_observed, recorded_images
@@ -55,17 +37,21 @@ from modalmotion.tracking.recordings import track as track_recorded
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-label_options = options_of(
-    TrackParameters, "labels", "papillary", group=TRACKING, labels={"flag": "label"}
+label_options = shared.options_of(
+    TrackParameters, "labels", "papillary", group=shared.TRACKING, labels={"flag": "label"}
 )
 start_option = click.option(
-    "--start", cls=Grouped, group=TRACKING, type=EXISTING, help="File of the surface to start from."
+    "--start",
+    cls=shared.Grouped,
+    group=shared.TRACKING,
+    type=shared.EXISTING,
+    help="File of the surface to start from.",
 )
-tracking_options = several(
+tracking_options = shared.several(
     click.option(
         "--landmarks",
-        cls=Grouped,
-        group=TRACKING,
+        cls=shared.Grouped,
+        group=shared.TRACKING,
         multiple=True,
         metavar="NAME[@FRAME]=X,Y,Z|FILE",
         help="Of images, points or contours: place of the apex or the base, in the reference frame "
@@ -74,7 +60,7 @@ tracking_options = several(
     ),
     label_options,
     start_option,
-    options_of(TrackParameters, "time", group=TRACKING),
+    shared.options_of(TrackParameters, "time", group=shared.TRACKING),
 )
 """How what has no corresponding vertices is tracked."""
 
@@ -94,7 +80,7 @@ def fitted_recording(
         Of `tracking_options`, `sequence_argument` and `fit_options`.
     """
     named = {name: options.pop(name) for name in _TRACKING}
-    parameters = signature_parameters(options)
+    parameters = shared.signature_parameters(options)
     with waiting.watch.stage("read"):
         is_stated = named["landmarks"] or named["labels"]
         is_tracked = is_stated or holds_images(source) or holds_contours(source)
@@ -113,7 +99,7 @@ def fitted_recording(
 
 def _followed(
     recorded: Recorded, named: dict[str, Any], progress: Reporter | None = None, **stated: Any
-) -> Track:
+) -> tracking.Track:
     landmarks, start = named.pop("landmarks"), named.pop("start")
     marks = stated_landmarks(landmarks, recorded, stated["unit"], stated.get("reference", 0))
     surface = None if start is None else read(start)
@@ -122,15 +108,15 @@ def _followed(
     )
 
 
-@command("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm")
-@click.argument("source", metavar="IN", type=EXISTING)
+@shared.command("track frames/ -o beat.npz --landmarks apex=1,2,3 --unit mm")
+@click.argument("source", metavar="IN", type=shared.EXISTING)
 @tracking_options
-@options_of(TrackParameters, "topology", "modes", "reference", "unit")
+@shared.options_of(TrackParameters, "topology", "modes", "reference", "unit")
 def track(
     source: Path,
-    output: Annotated[Path, OutputFile(".npz", ".h5", ".hdf5")],
+    output: Annotated[Path, shared.OutputFile(".npz", ".h5", ".hdf5")],
     times: Annotated[float | None, {"flag": "frame-interval"}] = None,
-    plot: Annotated[Path | None, OutputFile(*PICTURES, MOVING)] = None,
+    plot: Annotated[Path | None, shared.OutputFile(*shared.PICTURES, shared.MOVING)] = None,
     picture: Literal["data", "deviations", "determined"] = "data",
     **options: Any,
 ) -> Any:
@@ -156,28 +142,30 @@ def track(
     with counting("frames") as progress:
         with naming(source):
             recorded = read_observed(source, labels=named["labels"])
-        if plot is not None and plot.suffix.lower() == MOVING:
+        if plot is not None and plot.suffix.lower() == shared.MOVING:
             _require_images(recorded, picture)
         result = _followed(recorded, named, progress, times=times, **options)
     is_npz = output.suffix.lower() == ".npz"
-    write_atomic(output, write_npz(result.sequence) if is_npz else track_to_hdf5(result))
-    if plot is not None and plot.suffix.lower() == MOVING and recorded.images is not None:
-        write_atomic(plot, overlay_gif(result, recorded.images))
+    store.write_atomic(
+        output, formats.write_npz(result.sequence) if is_npz else hdf5.track_to_hdf5(result)
+    )
+    if plot is not None and plot.suffix.lower() == shared.MOVING and recorded.images is not None:
+        store.write_atomic(plot, overlay_gif(result, recorded.images))
     elif plot is not None:
-        write_picture(_figure(result, recorded, picture), plot)
+        shared.write_picture(_figure(result, recorded, picture), plot)
     return _numbers(result)
 
 
 def _require_images(recorded: Recorded, picture: str) -> None:
     """Refuse a moving picture of what has none, before any work."""
     if recorded.images is None or picture != "data":
-        raise ParameterError(
+        raise errors.ParameterError(
             "A .gif is available only for contours over images.",
             remedy="Name a .png, or track images with --picture data.",
         )
 
 
-def _figure(result: Track, recorded: Recorded, picture: str) -> Figure:
+def _figure(result: tracking.Track, recorded: Recorded, picture: str) -> Figure:
     if picture == "deviations":
         return deviations_figure(result, usual_frame(result))
     if picture == "determined":
@@ -211,13 +199,13 @@ def stated_landmarks(
             x, y, z = (float(part) for part in place.split(","))
             k = int(frame or reference)
         except ValueError:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The landmark {text[:60]!r} is neither NAME=X,Y,Z nor a file.",
                 remedy="Write --landmarks apex=1,2,3, or base@8=1,2,3 for frame 8, or "
                 "--landmarks FILE.mrk.json.",
             ) from None
         if not 0 <= k < recorded.n_frames:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The landmark {text[:60]!r} is of frame {k}; there are {recorded.n_frames}.",
                 remedy="Name a frame, counted from 0.",
                 frame=k,
@@ -230,17 +218,19 @@ def stated_landmarks(
     return marks
 
 
-def _numbers(result: Track) -> dict[str, object]:
+def _numbers(result: tracking.Track) -> dict[str, object]:
     return {
-        **members(result, "sequence.id as sequence_id", "n_frames as frames"),
+        **shared.members(result, "sequence.id as sequence_id", "n_frames as frames"),
         "modes": len(result.modes),
-        **members(result, "template.topology.name as topology", "sequence.unit"),
+        **shared.members(result, "template.topology.name as topology", "sequence.unit"),
         "noise": result.noise.sd,
         "deviation_across": float(np.median(result.deviations[:, :, 0])),
         "deviation_along": float(np.median(result.deviations[:, :, 1])),
         "residual_rms": [None if np.isnan(r) else r for r in result.residuals[:, 0].tolist()],
-        **members(result, "inliers", "coverage", "unseen", "determined", "notes"),
-        **members(result, "ejection_fraction", "ejection_fraction_bound", "ejection_fractions"),
+        **shared.members(result, "inliers", "coverage", "unseen", "determined", "notes"),
+        **shared.members(
+            result, "ejection_fraction", "ejection_fraction_bound", "ejection_fractions"
+        ),
         "papillary": None if result.images is None else result.images.papillary,
     }
 
@@ -249,18 +239,18 @@ def _numbers(result: Track) -> dict[str, object]:
 _MM3_PER_ML = 1000.0
 
 
-@command("segment labels.nii.gz -o lv.ply")
-@click.argument("source", metavar="IN", type=EXISTING)
+@shared.command("segment labels.nii.gz -o lv.ply")
+@click.argument("source", metavar="IN", type=shared.EXISTING)
 @label_options
 @start_option
 def segment(
     source: Path,
     start: Path | None,
-    output: Annotated[Path, OutputFile(".ply", ".npz", ".h5", ".hdf5")],
+    output: Annotated[Path, shared.OutputFile(".ply", ".npz", ".h5", ".hdf5")],
     landmarks: Annotated[tuple[str, ...], {"metavar": "NAME=X,Y,Z|FILE"}] = (),
     frame: int = 0,
     modes: int = USUAL_MODES,
-    plot: Plot = None,
+    plot: shared.Plot = None,
     **options: Any,
 ) -> Any:
     """Segment one image of IN by a surface, with its standard deviation.
@@ -289,10 +279,10 @@ def segment(
     result = segment_image(
         images, landmarks=marks, start=surface, frame=frame, modes=modes, **options
     )
-    write_atomic(output, _written(result, output.suffix.lower()))
+    store.write_atomic(output, _written(result, output.suffix.lower()))
     if plot is not None:
         shown = ImageSequence((images.frames[frame],))
-        write_picture(overlay_figure(result, shown), plot)
+        shared.write_picture(overlay_figure(result, shown), plot)
     volumes, deviations, found = result.volumes, result.volume_deviations, result.images
     # An image is segmented by a surface that encloses a volume.
     assert volumes is not None  # noqa: S101
@@ -305,18 +295,18 @@ def segment(
         "found": found.found[0],
         "papillary": found.papillary,
         "papillary_volume_ml": found.papillary_volume / _MM3_PER_ML,
-        "notes": notes_as_json(result.notes),
+        "notes": notes.notes_as_json(result.notes),
     }
 
 
-def _written(result: Track, suffix: str) -> bytes:
+def _written(result: tracking.Track, suffix: str) -> bytes:
     if suffix == ".ply":
         deviations = {
             "deviation_across": result.deviations[0, :, 0],
             "deviation_along": result.deviations[0, :, 1],
         }
         states = {"unit": "mm", "coordinate_system": "LPS"}
-        return write_ply(
+        return ply.write_ply(
             result.sequence.vertices[0].astype("f8"), result.template.faces, states, deviations
         )
-    return write_npz(result.sequence) if suffix == ".npz" else track_to_hdf5(result)
+    return formats.write_npz(result.sequence) if suffix == ".npz" else hdf5.track_to_hdf5(result)

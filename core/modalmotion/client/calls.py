@@ -1,7 +1,5 @@
 """Calls, each an endpoint and a method whose signature defines it, and jobs they wait for."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 import re
@@ -10,6 +8,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Final, Generic, TypeVar, cast
 
+from modalmotion import store
+from modalmotion.client import errors
 from modalmotion.client.connection import (
     JSON,
     Answer,
@@ -21,13 +21,6 @@ from modalmotion.client.connection import (
     plain,
     retry_after,
     segment,
-)
-from modalmotion.client.errors import (
-    BrokenAnswerError,
-    JobCancelledError,
-    JobUnfinishedError,
-    remote_error,
-    understood,
 )
 from modalmotion.client.values import NPZ, STREAM, Info, arrays_of, compressed_of, info_of
 from modalmotion.formats.npz import read_npz
@@ -49,7 +42,7 @@ _ENDED: Final = ("succeeded", "failed", "cancelled")
 def status_of(answer: Any) -> Info:
     """Read a description of a job: id, kind, state, progress from 0 to 1, result and error."""
     status = Info(answer)
-    with understood("a job"):
+    with errors.understood("a job"):
         segment(status["id"])
         is_text = isinstance(status["kind"], str) and isinstance(status["state"], str)
         is_link = status["result"] is None or isinstance(status["result"], str)
@@ -135,7 +128,7 @@ class Job(Generic[T]):
                 _LONGEST_PAUSE if requested is None else max(requested, _FIRST_PAUSE),
             )
             if end is not None and time.monotonic() + pause > end:
-                raise JobUnfinishedError(
+                raise errors.JobUnfinishedError(
                     f"The job {self.id} is {self.status.state} after {timeout:g} s, "
                     f"{100 * self.status.progress:.0f} % done.",
                     remedy="Wait longer, now or later: it goes on by itself.",
@@ -158,7 +151,7 @@ class Job(Generic[T]):
 
     def _result(self) -> T:
         if self.status.state == "cancelled":
-            raise JobCancelledError(
+            raise errors.JobCancelledError(
                 f"The job {self.id} was cancelled before it had a result.",
                 remedy="Start it again.",
                 details={"job": self.id},
@@ -166,12 +159,12 @@ class Job(Generic[T]):
         if self.status["error"] is not None:
             problem = dict(self.status["error"])
             status = problem.get("status")
-            error = remote_error(problem, status if isinstance(status, int) else 500)
+            error = errors.remote_error(problem, status if isinstance(status, int) else 500)
             error.details["job"] = self.id
             raise error
         link = self.status["result"]
         if link is None or not link.startswith("/"):
-            raise BrokenAnswerError(
+            raise errors.BrokenAnswerError(
                 f"The job {self.id} has succeeded but names no result.",
                 remedy="Check the version of the service.",
             )
@@ -292,7 +285,7 @@ class Caller(Connection):
     ) -> Job[T]:
         answer = self._send(asked.with_headers(Prefer="respond-async"), progress)
         if answer.status != 202:
-            raise BrokenAnswerError(
+            raise errors.BrokenAnswerError(
                 f"The service answered {answer.status} and started no job.",
                 remedy="Make the call that waits for its result.",
             )
@@ -303,7 +296,7 @@ class Caller(Connection):
         if not own:
             return segment(sequence_id)
         answer = self._awaited(signature_call(sequence_id, own, JSON), info_of)
-        with understood("a signature"):
+        with errors.understood("a signature"):
             return segment(str(answer["key"]))
 
     def _pages(self, path: str, options: Mapping[str, Option]) -> Iterator[Any]:
@@ -315,13 +308,13 @@ class Caller(Connection):
         while True:
             asked = Call("GET", path, {**query, "cursor": cursor})
             page = self._awaited(asked, lambda answer: answer).json
-            with understood(f"a page of {member}"):
+            with errors.understood(f"a page of {member}"):
                 members, following = list(page[member]), page["cursor"]
             yield from members
             if following is None:
                 return
             if following == cursor:
-                raise BrokenAnswerError(
+                raise errors.BrokenAnswerError(
                     f"The service gives the same page of {member} again and again.",
                     remedy="Check the version of the service.",
                 )
@@ -346,9 +339,7 @@ def signature_call(sequence_id: str, options: Mapping[str, Option], accept: str)
 
 def signature_of(answer: Answer) -> ModalSignature:
     """Read a signature: the library's own."""
-    from modalmotion.store import signature_from_hdf5
-
-    return signature_from_hdf5(answer.content)
+    return store.signature_from_hdf5(answer.content)
 
 
 def sequence_of(answer: Answer) -> MeshSequence:
@@ -366,7 +357,7 @@ def track_of(answer: Answer) -> Any:
 def _features_of(answer: Answer) -> Any:
     from modalmotion.classification import FeatureTable
 
-    with understood("a table of features"):
+    with errors.understood("a table of features"):
         return FeatureTable.from_json(answer.json)
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from modalmotion import store
 from modalmotion.client.calls import Job, call, parted, posted, status_of
 from modalmotion.client.connection import (
     JSON,
@@ -402,7 +403,6 @@ class Client(Recordings):
         self._save(path, asked, progress)
 
     def _save(self, path: str | Path, asked: Call, progress: Reporter | None = None) -> None:
-        from modalmotion.store import write_atomic
 
         place = Path(path)
         if not place.parent.is_dir():  # before minutes of work are asked for
@@ -410,7 +410,7 @@ class Client(Recordings):
                 f"'{place.name}' cannot be written: there is no folder '{place.parent}'.",
                 remedy="Make the folder, or name a file in another one.",
             )
-        write_atomic(place, self._awaited(asked, _content, progress))
+        store.write_atomic(place, self._awaited(asked, _content, progress))
 
 
 def _content(answer: Answer) -> bytes:

@@ -28,12 +28,11 @@ from modalmotion.client.errors import (
 )
 from modalmotion.errors import MalformedFileError, ParameterError, needs_extra
 from modalmotion.formats.npz import write_npz
-from modalmotion.mesh import Facts, facts_as_json
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh import Facts, facts_as_json, sequence
 from modalmotion.progress import Progress, Reporter
 from modalmotion.representation import shown
 
-Source = str | Path | bytes | bytearray | memoryview | MeshSequence
+Source = str | Path | bytes | bytearray | memoryview | sequence.MeshSequence
 """Source of an upload: a file by its path, the bytes of a file, or a sequence."""
 
 # Large enough that Python's overhead is small, small enough that copies do not matter.
@@ -80,7 +79,7 @@ def body_of(source: Source) -> Body:
     MalformedFileError
         If the file cannot be read.
     """
-    if isinstance(source, MeshSequence):
+    if isinstance(source, sequence.MeshSequence):
         source = write_npz(source)
     if isinstance(source, bytes | bytearray | memoryview):
         return Body(data := bytes(source), len(data))

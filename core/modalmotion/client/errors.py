@@ -11,8 +11,6 @@
     └── JobUnfinishedError     the job is not finished after the given time
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from modalmotion.client.calls import (
-    Caller,
-    Job,
-    call,
-    parted,
-    posted,
-    signature_call,
-    signature_of,
-)
+from modalmotion.client import calls
 from modalmotion.client.connection import (
     Answer,
     Call,
@@ -57,16 +49,16 @@ Recording = Source | Info | Sequence[Any]
 _AT_ONCE: Final = 1000
 
 
-class Recordings(Caller):
+class Recordings(calls.Caller):
     """The part of `Client` about recordings and what is made of them."""
 
-    @call("GET /v1/limits")
+    @calls.call("GET /v1/limits")
     def limits(self) -> Info:
         """Return the limits of the service, by the names that its errors use."""
 
     # Sequences.
 
-    @call("POST /v1/sequences", is_keyed=True)
+    @calls.call("POST /v1/sequences", is_keyed=True)
     def upload(
         self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> Info:
@@ -92,13 +84,13 @@ class Recordings(Caller):
             If no answer comes. Sent again, it is stored once.
         """
 
-    @call("POST /v1/sequences", is_keyed=True)
+    @calls.call("POST /v1/sequences", is_keyed=True)
     def start_upload(
         self, source: Source, *, progress: Reporter | None = None, **options: Option
-    ) -> Job[Info]:
+    ) -> calls.Job[Info]:
         """Send a sequence, and let a job of the service read it."""
 
-    @call("GET /v1/sequences")
+    @calls.call("GET /v1/sequences")
     def sequences(
         self,
         *,
@@ -119,7 +111,7 @@ class Recordings(Caller):
             How many are fetched at once.
         """
 
-    @call("GET /v1/sequences/{sequence_id}")
+    @calls.call("GET /v1/sequences/{sequence_id}")
     def sequence(self, sequence_id: str) -> Info:
         """Describe a sequence.
 
@@ -145,7 +137,7 @@ class Recordings(Caller):
         path = f"/v1/sequences/{segment(sequence_id)}"
         return info_of(self._send(Call("PATCH", path, body=json_body(changes))))
 
-    @call("DELETE /v1/sequences/{sequence_id}")
+    @calls.call("DELETE /v1/sequences/{sequence_id}")
     def delete(self, sequence_id: str) -> None:
         """Delete a sequence with everything derived from it, its track too."""
 
@@ -172,23 +164,25 @@ class Recordings(Caller):
             If the signature cannot be fitted.
         """
         if options:
-            asked = signature_call(sequence_id, options, HDF5)
-            return self._awaited(asked, signature_of, progress)
-        return signature_of(self._get(f"/v1/sequences/{segment(sequence_id)}/signature", HDF5))
+            asked = calls.signature_call(sequence_id, options, HDF5)
+            return self._awaited(asked, calls.signature_of, progress)
+        return calls.signature_of(
+            self._get(f"/v1/sequences/{segment(sequence_id)}/signature", HDF5)
+        )
 
-    @call("POST /v1/sequences/{sequence_id}/signatures", HDF5)
-    def start_signature(self, sequence_id: str, **options: Option) -> Job[ModalSignature]:
+    @calls.call("POST /v1/sequences/{sequence_id}/signatures", HDF5)
+    def start_signature(self, sequence_id: str, **options: Option) -> calls.Job[ModalSignature]:
         """Fit and store a signature in a job of the service."""
 
-    @call("GET /v1/sequences/{sequence_id}/signatures")
+    @calls.call("GET /v1/sequences/{sequence_id}/signatures")
     def stored_signatures(self, sequence_id: str, *, page: int = 100) -> Iterator[Info]:
         """List the stored signatures of a sequence: their keys, parameters and errors."""
 
-    @call("DELETE /v1/signatures/{key}")
+    @calls.call("DELETE /v1/signatures/{key}")
     def delete_signature(self, key: str) -> None:
         """Delete a stored signature."""
 
-    @call("POST /v1/signature", HDF5)
+    @calls.call("POST /v1/signature", HDF5)
     def signature_of(
         self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> ModalSignature:
@@ -223,12 +217,12 @@ class Recordings(Caller):
         answers: list[Info] = []
         for start in range(0, len(ids), at_once):
             request = {"ids": ids[start : start + at_once], **options}
-            answers += self._awaited(posted("/v1/signatures/query", request, NPZ), pack_of)
+            answers += self._awaited(calls.posted("/v1/signatures/query", request, NPZ), pack_of)
             if progress is not None:
                 progress(Progress(len(answers), len(ids)))
         return answers
 
-    @call("GET /v1/signatures/{signature}/reconstruction", NPZ)
+    @calls.call("GET /v1/signatures/{signature}/reconstruction", NPZ)
     def reconstruction(self, sequence_id: str, **options: Option) -> MeshSequence:
         """Return the surfaces that a signature describes.
 
@@ -242,14 +236,14 @@ class Recordings(Caller):
 
     def distance(self, sequence_id: str, to: str, **options: Option) -> Comparison:
         """Return the distance of a sequence's signature from another's: 0 for the same motion."""
-        own, rest = parted(options)
+        own, rest = calls.parted(options)
         query = {**rest, "to": self._key(to, own)}
         path = f"/v1/signatures/{self._key(sequence_id, own)}/distance"
         found = self._awaited(Call("GET", path, query), info_of)
         with understood("a distance"):
             return Comparison(**found)
 
-    @call("GET /v1/signatures/{signature}/readouts")
+    @calls.call("GET /v1/signatures/{signature}/readouts")
     def readouts(self, sequence_id: str, **options: Option) -> Info:
         """Return volumes, rates and strain over time, each with its bound.
 
@@ -265,7 +259,7 @@ class Recordings(Caller):
             If the surface encloses nothing.
         """
 
-    @call("POST /v1/sequences/{sequence_id}/tradeoff")
+    @calls.call("POST /v1/sequences/{sequence_id}/tradeoff")
     def tradeoff(self, sequence_id: str, **options: Option) -> Info:
         """Return the cost and the loss of each choice of modes.
 
@@ -276,7 +270,7 @@ class Recordings(Caller):
             Of the marked signature; and front_modes, only (components).
         """
 
-    @call("POST /v1/encode", STREAM)
+    @calls.call("POST /v1/encode", STREAM)
     def encode(
         self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> Info:
@@ -291,11 +285,11 @@ class Recordings(Caller):
             read the file.
         """
 
-    @call("GET /v1/sequences/{sequence_id}/encoded", STREAM)
+    @calls.call("GET /v1/sequences/{sequence_id}/encoded", STREAM)
     def encoded(self, sequence_id: str, **options: Option) -> Info:
         """Return a stored sequence as a compressed stream: rms, max_error or bytes; effort."""
 
-    @call("POST /v1/decode", NPZ)
+    @calls.call("POST /v1/decode", NPZ)
     def decode(
         self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> MeshSequence:
@@ -309,7 +303,7 @@ class Recordings(Caller):
             first and stop: frames.
         """
 
-    @call("POST /v1/templates")
+    @calls.call("POST /v1/templates")
     def make_template(
         self, source: Source, *, progress: Reporter | None = None, **options: Option
     ) -> Info:
@@ -327,11 +321,11 @@ class Recordings(Caller):
         """List the ids of all templates."""
         return [str(one) for one in self._pages("/v1/templates", {"page": page})]
 
-    @call("GET /v1/templates/{template_id}")
+    @calls.call("GET /v1/templates/{template_id}")
     def template(self, template_id: str) -> Info:
         """Describe a template."""
 
-    @call("GET /v1/templates/{template_id}/modes", NPZ)
+    @calls.call("GET /v1/templates/{template_id}/modes", NPZ)
     def template_modes(self, template_id: str, modes: int = 7, **options: Option) -> Info:
         """Return labels, angular frequencies and shapes of the vibration modes of a surface.
 
@@ -344,11 +338,11 @@ class Recordings(Caller):
             wave_speed, in length units per s: 1 by default.
         """
 
-    @call("DELETE /v1/templates/{template_id}")
+    @calls.call("DELETE /v1/templates/{template_id}")
     def delete_template(self, template_id: str) -> None:
         """Delete a template; signatures that were fitted on it stay."""
 
-    @call("POST /v1/images", is_keyed=True)
+    @calls.call("POST /v1/images", is_keyed=True)
     def upload_images(self, source: Source, *, progress: Reporter | None = None) -> Info:
         """Send images to be tracked: `make_track(images)` does, and deletes them.
 
@@ -359,11 +353,11 @@ class Recordings(Caller):
         progress : callable, optional
         """
 
-    @call("GET /v1/images")
+    @calls.call("GET /v1/images")
     def all_images(self, *, page: int = 100) -> Iterator[Info]:
         """List images from the newest to the oldest, fetched a page at a time."""
 
-    @call("GET /v1/images/{images_id}")
+    @calls.call("GET /v1/images/{images_id}")
     def images(self, images_id: str) -> Info:
         """Describe images.
 
@@ -373,7 +367,7 @@ class Recordings(Caller):
             If there are none of that id: they are deleted after tracking, where nobody keeps them.
         """
 
-    @call("DELETE /v1/images/{images_id}")
+    @calls.call("DELETE /v1/images/{images_id}")
     def delete_images(self, images_id: str) -> None:
         """Delete images; tracks that were made of them stay."""
 
@@ -404,11 +398,11 @@ class Recordings(Caller):
         """
         return self._awaited(track_call(source, options), self._tracked, progress)
 
-    def start_track(self, source: Recording, **options: Option) -> Job[Track]:
+    def start_track(self, source: Recording, **options: Option) -> calls.Job[Track]:
         """Track in a job of the service."""
         return self._started(track_call(source, options), self._tracked)
 
-    @call("GET /v1/tracks/{track_id}", HDF5)
+    @calls.call("GET /v1/tracks/{track_id}", HDF5)
     def track(self, track_id: str) -> Track:
         """Return a stored track: the library's own, bit for bit.
 

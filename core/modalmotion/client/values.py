@@ -1,7 +1,5 @@
 """Answers of the service as values with members and arrays, and as files."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -4,15 +4,12 @@ The systolic dyssynchrony index is the standard deviation of the times at which 
 16 segments are smallest, percent of the cycle (Kapetanakis et al., Circulation, 2005).
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np
 import scipy
 
-from modalmotion.clinical.segments import rings_of
-from modalmotion.clinical.volume_curve import TWO_DEVIATIONS
+from modalmotion.clinical import segments, volume_curve
 from modalmotion.clinical.wall_motion import WallMotion
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import Floats, Ints
@@ -51,7 +48,7 @@ def phases_of(sequence: MeshSequence) -> Floats:
 
 def sectors_of(motion: WallMotion) -> Ints:
     """Sector of each place of a cup, -1 at its tip: 16 like the segments, of any zero of theta."""
-    rings = rings_of(np.repeat(motion.places.ways, motion.places.shape[1]))
+    rings = segments.rings_of(np.repeat(motion.places.ways, motion.places.shape[1]))
     turns = motion.places.theta
     six, four = np.floor(6 * turns).astype(int), np.floor(4 * turns).astype(int)
     return np.choose(rings, [six, 6 + six, 12 + four, np.full_like(six, -1)])
@@ -175,7 +172,7 @@ def dyssynchrony(
     # Of the deviation of n times that are each uniform between two frames.
     by_frames = gaps.mean() / np.sqrt(12.0 * 2.0 * (volumes.shape[1] - 1))
     squares = np.array([below, above]) + by_lines**2 + by_frames**2
-    down, up = TWO_DEVIATIONS * np.sqrt(squares)
+    down, up = volume_curve.TWO_DEVIATIONS * np.sqrt(squares)
     value, low, high = 100.0 * np.maximum([value, value - down, value + up], 0.0)
     return float(value), float(low), float(high)
 
@@ -225,7 +222,7 @@ def _cycle(phases: Floats) -> Floats | None:
     return None if gaps.max() > _LARGEST_GAP or gaps.min() <= 0.0 else closed
 
 
-def _splines(closed: Floats) -> scipy.interpolate.CubicSpline:
+def _splines(closed: Floats) -> "scipy.interpolate.CubicSpline":
     """Periodic splines of curves that are 1 in one frame and 0 in the others."""
     return scipy.interpolate.CubicSpline(closed, _by_frame(len(closed) - 1), bc_type="periodic")
 
@@ -236,7 +233,7 @@ def _by_frame(n: int) -> Floats:
     return frames.take(np.arange(n + 1) % n, axis=0)
 
 
-def _alike_in_time(volumes: Floats, rng: np.random.Generator) -> Floats:
+def _alike_in_time(volumes: Floats, rng: "np.random.Generator") -> Floats:
     """Draw noise of variance 1 with the spectrum of the motion, (draws, frames, segments)."""
     moving = np.fft.rfft(volumes - volumes.mean(axis=0), axis=0)
     sizes = np.sqrt((np.abs(moving) ** 2).mean(axis=1))[:, None]
@@ -246,7 +243,7 @@ def _alike_in_time(volumes: Floats, rng: np.random.Generator) -> Floats:
 
 
 def _curves(
-    volumes: Floats, phases: Floats, variances: Floats, rng: np.random.Generator
+    volumes: Floats, phases: Floats, variances: Floats, rng: "np.random.Generator"
 ) -> tuple[Floats, Floats, Floats]:
     """Estimate volumes without noise: their mean given the data, and draws, (draws, ...).
 

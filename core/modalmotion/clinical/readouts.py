@@ -1,7 +1,5 @@
 """Volume over time and ejection fraction, from the signature of a surface."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
@@ -9,31 +7,17 @@ from typing import Final
 import numpy as np
 import scipy
 
+from modalmotion import errors, mesh
 from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve, volume_deviations
-from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.mesh import Cavity, cavity_of
-from modalmotion.mesh.alignment import reference_positions
-from modalmotion.mesh.checks import Uncertainty
-from modalmotion.mesh.facts import UNKNOWN
+from modalmotion.mesh import alignment, checks, facts
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.modes.topology import CUP, PLANE
+from modalmotion.modes.topologies import CUP, PLANE
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, Ints, counted, numeral, shown, with_article
-from modalmotion.signature.fit import Basis, make_basis, project
-from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.reconstruction import fitted_on
-from modalmotion.signature.superposition import normal_reference
-from modalmotion.template import Template
-from modalmotion.template.body_frame import (
-    HELD,
-    Components,
-    from_local,
-    local_frames,
-    to_local,
-    unit_coordinates,
-)
+from modalmotion.signature import fit, making, reconstruction, superposition
+from modalmotion.template import Template, body_frame
 
 # Of the cube of the size: a surface that encloses less is a sheet, to rounding.
 _NOTHING: Final = 1e-9
@@ -122,7 +106,7 @@ class ClinicalReadouts(Plotted):
             If the length unit is unknown.
         """
         if self.unit is None:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "The length unit is unknown, so volumes cannot be given in ml.",
                 remedy="Give the unit of the sequence; the ejection fraction needs none.",
             )
@@ -145,7 +129,7 @@ def millilitres_in(unit: str) -> float:
 
 
 def clinical_readouts(
-    signature: ModalSignature, sequence: MeshSequence, *, template: Template | None = None
+    signature: making.ModalSignature, sequence: MeshSequence, *, template: Template | None = None
 ) -> ClinicalReadouts:
     """Volume over time and ejection fraction from a signature, with their bounds.
 
@@ -182,16 +166,16 @@ def clinical_readouts(
     standard deviations: from the errors of a track, or from the noise of the vertices, which is
     their residual from a smooth wall.
     """
-    used = fitted_on(signature, sequence, template)
-    basis = make_basis(used, signature.modes)
+    used = reconstruction.fitted_on(signature, sequence, template)
+    basis = fit.make_basis(used, signature.modes)
     if signature.n_frames != sequence.n_frames:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The signature has {signature.n_frames} frames, its sequence {sequence.n_frames}: "
             "there is no measurement between frames for a bound.",
             remedy="Give the signature of the sequence's own frames.",
         )
     cavity = _cavity(used)
-    start = reference_positions(sequence, signature.parameters.reference)
+    start = alignment.reference_positions(sequence, signature.parameters.reference)
     corner = start[cavity.faces[0, 0]]
     corners = np.unique(cavity.faces)
     scale = _size(start[corners] - corner)
@@ -208,7 +192,7 @@ def clinical_readouts(
         )
     largest = own[np.abs(own).argmax()]
     if not abs(largest) > _NOTHING:
-        raise TopologyError(
+        raise errors.TopologyError(
             "The surface encloses no volume: it is flat, or its sides cancel.",
             remedy="Send the closed or cup-shaped wall of a cavity.",
         )
@@ -256,7 +240,7 @@ def clinical_readouts(
     )
 
 
-def _of_track(known: Uncertainty | None) -> tuple[Note, ...]:
+def _of_track(known: checks.Uncertainty | None) -> tuple[Note, ...]:
     """Note that the surface was tracked, with its caveats."""
     if known is None or known.volumes is None:
         return ()
@@ -265,33 +249,33 @@ def _of_track(known: Uncertainty | None) -> tuple[Note, ...]:
     return (text, *known.notes)
 
 
-def _name_of_share(signature: ModalSignature, sequence: MeshSequence) -> Fraction:
+def _name_of_share(signature: making.ModalSignature, sequence: MeshSequence) -> Fraction:
     cavity = sequence.facts.cavity
-    if cavity == UNKNOWN:
+    if cavity == facts.UNKNOWN:
         cavity = signature.facts.cavity
-    is_cavity = signature.topology == CUP if cavity == UNKNOWN else cavity != "none"
+    is_cavity = signature.topology == CUP if cavity == facts.UNKNOWN else cavity != "none"
     return Fraction.EJECTION_FRACTION if is_cavity else Fraction.VOLUME_CHANGE
 
 
-def _cavity(template: Template) -> Cavity:
+def _cavity(template: Template) -> mesh.Cavity:
     if template.surface == PLANE:
-        raise TopologyError(
+        raise errors.TopologyError(
             "The surface is a plane, a sheet that encloses nothing.",
             remedy="Send the wall of a cavity, or state its topology (cup) if this is one.",
         )
-    return cavity_of(template.faces, template.n_vertices)
+    return mesh.cavity_of(template.faces, template.n_vertices)
 
 
 def _size(offsets: Floats) -> float:
     """Power of two near the size of the surface."""
     size = float(np.abs(offsets).max())
     if size == 0.0:
-        raise TopologyError(
+        raise errors.TopologyError(
             "All vertices of the reference coincide, so it encloses nothing.",
             remedy="Name a reference frame in which the surface is spread out.",
         )
     if not _SMALLEST < size < _LARGEST:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The surface is {size:.1g} in size; its volume overflows or vanishes in double "
             "precision.",
             remedy="Use a larger or smaller unit, with numbers near 1.",
@@ -299,7 +283,7 @@ def _size(offsets: Floats) -> float:
     return power_of_two(size)
 
 
-def _measured(cavity: Cavity, used: Ints, positions: Floats) -> tuple[Floats, Floats]:
+def _measured(cavity: mesh.Cavity, used: Ints, positions: Floats) -> tuple[Floats, Floats]:
     """Volumes about a vertex, and the distance from it to the farthest vertex."""
     offsets = positions - positions[:, cavity.faces[0, :1]]
     squares = np.einsum("fnd,fnd->fn", offsets, offsets)
@@ -356,7 +340,7 @@ _BLOCK: Final = 500_000
 
 
 def superposed_positions(
-    signature: ModalSignature, template: Template, basis: Basis, rest: Floats
+    signature: making.ModalSignature, template: Template, basis: fit.Basis, rest: Floats
 ) -> Iterator[tuple[slice, Floats]]:
     """Positions in the frame of the reference, without rotation, some frames at a time.
 
@@ -377,22 +361,24 @@ def superposed_positions(
     """
     n_frames, n_vertices = signature.n_frames, len(rest)
     step = max(1, _BLOCK // (3 * n_vertices))
-    if signature.kind == SignatureKind.NORMAL_DISPLACEMENT:
+    if signature.kind == making.SignatureKind.NORMAL_DISPLACEMENT:
         # Normal displacements have no affine part that could be separated.
-        normals, _ = normal_reference(template, rest)
+        normals, _ = superposition.normal_reference(template, rest)
         for first in range(0, n_frames, step):
             part = slice(first, first + step)
-            u = from_local(_superposed(signature.amplitudes[part], basis.shapes.T), normals)
+            u = body_frame.from_local(
+                _superposed(signature.amplitudes[part], basis.shapes.T), normals
+            )
             yield part, u + rest
         return
-    is_local = signature.parameters.components != Components.CARTESIAN
-    frames = local_frames(template) if is_local else None
-    q = unit_coordinates(rest, template.weights)
+    is_local = signature.parameters.components != body_frame.Components.CARTESIAN
+    frames = body_frame.local_frames(template) if is_local else None
+    q = body_frame.unit_coordinates(rest, template.weights)
     of_maps = _amplitudes_of_maps(basis, q, frames)
     a = signature.amplitudes.reshape(n_frames, -1)
     # a ~ c D by least squares, over the maps that the amplitudes determine
     U, S, Vt = np.linalg.svd(of_maps, full_matrices=False)
-    seen = S > HELD
+    seen = S > body_frame.HELD
     c = a @ (Vt[seen].T / S[seen] @ U[:, seen].T)
     remaining = (a - c @ of_maps).reshape(signature.amplitudes.shape)
     A, axes = c.reshape(n_frames, -1, 3), np.ascontiguousarray(q.T)
@@ -400,7 +386,7 @@ def superposed_positions(
         part = slice(first, first + step)
         u = _superposed(remaining[part], basis.shapes.T)
         if frames is not None:
-            u = from_local(u, frames)
+            u = body_frame.from_local(u, frames)
         # x + A q + sum_p a_p phi_p
         u += _superposed(A[part], axes)
         u += rest
@@ -414,7 +400,7 @@ def _superposed(coefficients: Floats, rows: Floats) -> Floats:
     return (by_direction @ rows).reshape(f, n, -1).transpose(0, 2, 1)
 
 
-def _amplitudes_of_maps(basis: Basis, q: Floats, frames: Floats | None) -> Floats:
+def _amplitudes_of_maps(basis: fit.Basis, q: Floats, frames: Floats | None) -> Floats:
     """Amplitudes of the motions by coordinate i along direction j, (3 i + j, 3 modes) float64."""
     rows = []
     for coordinate in q.T:
@@ -422,8 +408,8 @@ def _amplitudes_of_maps(basis: Basis, q: Floats, frames: Floats | None) -> Float
             u = np.zeros((1, 3, len(q)))
             u[0, direction] = coordinate
             if frames is not None:
-                u = to_local(u, frames)
-            rows.append(project(basis, u.transpose(0, 2, 1)).ravel())
+                u = body_frame.to_local(u, frames)
+            rows.append(fit.project(basis, u.transpose(0, 2, 1)).ravel())
     return np.array(rows)
 
 
@@ -484,7 +470,7 @@ def rates_of(readouts: ClinicalReadouts, period: float | None = None) -> Rates:
     """
     times, factor = readouts.times, readouts.shown_in
     if times is None or len(times) < 3:
-        raise ParameterError(
+        raise errors.ParameterError(
             "Rates of emptying and filling need the times of at least three frames.",
             remedy="Give the times or the interval of the frames (--frame-interval).",
         )

@@ -1,15 +1,12 @@
 """Comparison of an estimated motion with the true one, by published measures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from modalmotion import errors, mesh
 from modalmotion.clinical.strain import wall_strain
-from modalmotion.errors import NonFiniteError, ShapeError
-from modalmotion.mesh import cavity_of
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.representation import Floats, shown
 from modalmotion.template import make_template
@@ -78,19 +75,19 @@ def score(truth: MeshSequence, answer: MeshSequence, deviations: Floats | None =
         If a surface has no cavity, or is not a cup, tube or sphere.
     """
     if truth.n_frames != answer.n_frames:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"The truth has {truth.n_frames} frames and the answer {answer.n_frames}.",
             remedy="Give both at the same instants: see `modalmotion.resample`.",
         )
     if deviations is not None and deviations.shape != answer.vertices.shape[:2]:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"deviations have the shape {deviations.shape}, the answer's vertices "
             f"{answer.vertices.shape}.",
             remedy="Give one number for each vertex in each frame.",
         )
     if deviations is not None and len(bad := np.argwhere(~(deviations >= 0))):
         frame, vertex = bad[0]
-        raise NonFiniteError(
+        raise errors.NonFiniteError(
             f"The deviation of vertex {vertex} in frame {frame} is {deviations[frame, vertex]}.",
             remedy="State standard deviations in mm, or 0 where none is known.",
         )
@@ -123,7 +120,7 @@ def score(truth: MeshSequence, answer: MeshSequence, deviations: Floats | None =
 
 def _figures(sequence: MeshSequence) -> tuple[float, float, float, int]:
     template = make_template(sequence)
-    cavity = cavity_of(template.faces, template.n_vertices)
+    cavity = mesh.cavity_of(template.faces, template.n_vertices)
     volumes = np.abs(cavity.volume(sequence.vertices.astype(np.float64)))
     start, end = int(volumes.argmax()), int(volumes.argmin())
     strain = wall_strain(sequence, template, start, end).end_systolic

@@ -4,24 +4,19 @@ Cerqueira et al., Standardized myocardial segmentation and nomenclature for tomo
 the heart, Circulation, 2002.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from modalmotion.errors import TopologyError
-from modalmotion.mesh import Facts
-from modalmotion.mesh.alignment import reference_positions
+from modalmotion import errors, mesh
+from modalmotion.mesh import alignment
 from modalmotion.mesh.facts import UNKNOWN
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.representation import Floats, Ints, shown
-from modalmotion.signature.making import ModalSignature
-from modalmotion.signature.reconstruction import fitted_on
-from modalmotion.template import Landmarks, Template
-from modalmotion.template.body_frame import Direction, directions_on
+from modalmotion.signature import making, reconstruction
+from modalmotion.template import Landmarks, Template, body_frame
 
 ANTERIOR: Final = "anterior"
 """The landmark from which segments are counted: any place in the middle of the anterior wall."""
@@ -75,7 +70,7 @@ class RegionalMotion:
 
 
 def regional_motion(
-    signature: ModalSignature,
+    signature: making.ModalSignature,
     sequence: MeshSequence,
     end_diastole: int,
     *,
@@ -107,12 +102,12 @@ def regional_motion(
     TopologyError
         If the surface is not a cup.
     """
-    used = fitted_on(signature, sequence, template)
+    used = reconstruction.fitted_on(signature, sequence, template)
     landmarks = require_ventricle(used, signature.surface)
-    start = reference_positions(sequence, signature.parameters.reference)
+    start = alignment.reference_positions(sequence, signature.parameters.reference)
     centre = used.weights @ start
     size = float(np.abs(start - centre).max()) or 1.0
-    normals = directions_on(used, Direction.NORMAL)
+    normals = body_frame.directions_on(used, body_frame.Direction.NORMAL)
     heights = np.empty((sequence.n_frames, sequence.n_vertices))
     for frame, R in enumerate(signature.rotations.matrices):
         x = sequence.vertices[frame].astype(np.float64)
@@ -155,7 +150,7 @@ def require_ventricle(template: Template, surface: str) -> Landmarks:
         If the surface is not a cup.
     """
     if template.surface != CUP or template.landmarks is None:
-        raise TopologyError(
+        raise errors.TopologyError(
             "Segments are those of a ventricle, a cup from apex to base; this surface is of the "
             f"kind {surface}.",
             remedy="Send the wall of a ventricle, open at its base, or state topology cup.",
@@ -164,7 +159,7 @@ def require_ventricle(template: Template, surface: str) -> Landmarks:
 
 
 def at_places(
-    template: Template, facts: Facts, s: Floats, places: Floats
+    template: Template, facts: mesh.Facts, s: Floats, places: Floats
 ) -> tuple[tuple[str, ...], Ints, str]:
     """Return the segment of each place on the reference.
 

@@ -5,8 +5,6 @@ functions of the natural coordinates, those of the closed-form modes along s and
 lengths are integrals of the slopes of that surface.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -14,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, Topology
+from modalmotion.modes.topologies import CUP, CYLINDER, SPHERE, Topology
 from modalmotion.numeric.scales import orthonormal
 from modalmotion.representation import Floats, Ints
 from modalmotion.template import Template

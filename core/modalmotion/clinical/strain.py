@@ -5,14 +5,13 @@ echocardiography, Eur Heart J Cardiovasc Imaging, 2015. They are lengths and are
 they need no points that follow the tissue.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 import scipy
 
+from modalmotion import errors, mesh
 from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.dyssynchrony import (
     N_SECTORS,
@@ -33,14 +32,11 @@ from modalmotion.clinical.wall_motion import (
     Measure,
     WallMotion,
 )
-from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.mesh import Facts, cavity_of
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import CUP, SPHERE
+from modalmotion.modes.topologies import CUP, SPHERE
 from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints, shown
-from modalmotion.signature.making import ModalSignature
-from modalmotion.signature.reconstruction import fitted_on
+from modalmotion.signature import making, reconstruction
 from modalmotion.template import Template, make_template
 from modalmotion.tracking.result import Track
 
@@ -177,7 +173,7 @@ class Strain(Plotted):
 
 
 def strain(
-    recording: MeshSequence | Track | ModalSignature,
+    recording: MeshSequence | Track | making.ModalSignature,
     sequence: MeshSequence | None = None,
     *,
     template: Template | None = None,
@@ -213,21 +209,21 @@ def strain(
     """
     if isinstance(recording, Track):
         measured, used = recording.sequence, recording.template
-    elif isinstance(recording, ModalSignature):
+    elif isinstance(recording, making.ModalSignature):
         if sequence is None:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "A signature alone has no shape that strain could be measured on.",
                 remedy="Give its sequence as well: strain(signature, sequence).",
             )
-        measured, used = sequence, fitted_on(recording, sequence, template)
+        measured, used = sequence, reconstruction.fitted_on(recording, sequence, template)
     elif isinstance(recording, MeshSequence):
         measured, used = recording, template or make_template(recording)
     else:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"Strain was requested of {type(recording).__name__}.",
             remedy="Give a mesh sequence, a track, or a signature with its sequence.",
         )
-    cavity = cavity_of(used.faces, used.n_vertices)
+    cavity = mesh.cavity_of(used.faces, used.n_vertices)
     volumes = np.abs(cavity.volume(measured.vertices.astype(np.float64)))
     return wall_strain(measured, used, int(volumes.argmax()), int(volumes.argmin()))
 
@@ -434,7 +430,7 @@ def _dyssynchrony(motion: WallMotion, sequence: MeshSequence) -> Figure | None:
 
 
 def _segments(
-    template: Template, facts: Facts, motion: WallMotion
+    template: Template, facts: mesh.Facts, motion: WallMotion
 ) -> tuple[tuple[str, ...], Ints, str]:
     """Return the segment of each place."""
     wall, places = motion.wall, motion.places
@@ -501,12 +497,12 @@ def torsion(
         If the surface is not a cup.
     """
     if sequence.facts.tracking != "material":
-        raise ParameterError(
+        raise errors.ParameterError(
             "Torsion and shear need points that follow the tissue; whether these do is not stated.",
             remedy=_REMEDY,
         )
     if template.surface != CUP or template.landmarks is None:
-        raise TopologyError(
+        raise errors.TopologyError(
             "Torsion is about the axis of a ventricle, from apex to base.",
             remedy="State the topology cup if the surface is a ventricle's wall.",
         )

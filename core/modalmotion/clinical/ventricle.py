@@ -1,7 +1,5 @@
 """Read-outs of a ventricle besides its volume: rates, segments, strain; and as values for JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -9,18 +7,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from modalmotion import errors, mesh, modes, notes
 from modalmotion.arguments.checking import Plotted
-from modalmotion.clinical.dyssynchrony import (
-    N_SECTORS,
-    index_gradient,
-    phases_of,
-    sectors_of,
-    segment_volumes,
-    volume_gradients,
-)
+from modalmotion.clinical import dyssynchrony, smooth_wall
 from modalmotion.clinical.readouts import ClinicalReadouts, Rates, rates_of
 from modalmotion.clinical.segments import RegionalMotion, regional_motion
-from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.clinical.strain import (
     DEFINITIONS,
     Strain,
@@ -31,15 +22,11 @@ from modalmotion.clinical.strain import (
 )
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve
 from modalmotion.clinical.wall_motion import DIRECTIONS, WallMotion
-from modalmotion.errors import InputError
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh import cavity_of
+from modalmotion.mesh import geometry
 from modalmotion.mesh.alignment import Rotations
-from modalmotion.mesh.geometry import volume_gradient
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes import ModeLabel
-from modalmotion.modes.topology import CUP
-from modalmotion.notes import Note
+from modalmotion.modes import topologies
 from modalmotion.representation import Floats, plain, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.reconstruction import fitted_on, reconstruct
@@ -70,8 +57,8 @@ class VentricleReadouts(Plotted):
     regions: RegionalMotion | None
     strain: Strain | None
     torsion: Torsion | None
-    per_mode: Sensitivities | None
-    reasons: tuple[Note, ...]
+    per_mode: "Sensitivities | None"
+    reasons: tuple[notes.Note, ...]
 
 
 def ventricle_readouts(
@@ -94,13 +81,13 @@ def ventricle_readouts(
         The one that the signature's parameters name, if they name one.
     """
     start, end = readouts.mesh_curve.end_diastole, readouts.mesh_curve.end_systole
-    reasons: list[Note] = []
+    reasons: list[notes.Note] = []
 
     def attempt(make: Callable[[], T]) -> T | None:
         try:
             return make()
-        except InputError as error:
-            reasons.append(Note.of("not_computed", reason=str(error)))
+        except errors.InputError as error:
+            reasons.append(notes.Note.of("not_computed", reason=str(error)))
             return None
 
     return VentricleReadouts(
@@ -238,7 +225,7 @@ class Sensitivities:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    labels: tuple[ModeLabel, ...]
+    labels: tuple[modes.ModeLabel, ...]
     values: Floats
 
 
@@ -272,23 +259,23 @@ def sensitivities(
     surfaces -= surfaces[0].mean(axis=0)
     # Displacements before rotation, so gradients are turned back.
     moves, turns = _moves(signature, sequence, template), signature.rotations.matrices
-    cavity = cavity_of(used.faces, used.n_vertices)
+    cavity = mesh.cavity_of(used.faces, used.n_vertices)
     volume, unit = float(np.abs(cavity.volume(surfaces[start]))), readouts.volume_unit
     sign = np.sign(cavity.volume(surfaces[start]))
-    by_start, by_end = (sign * volume_gradient(cavity, surfaces[k]) for k in (start, end))
+    by_start, by_end = (sign * geometry.volume_gradient(cavity, surfaces[k]) for k in (start, end))
     found = [
         ("end_diastolic_volume", unit, readouts.shown_in * by_start @ turns[start]),
         ("end_systolic_volume", unit, readouts.shown_in * by_end @ turns[end]),
     ]
     if (fraction := readouts.curve.fraction) is not None:
         found.append((str(fraction), "points", -100.0 / volume * by_end @ turns[end]))
-    with suppress(InputError):
-        wall, _ = smooth_walls(used, is_lattice=sequence.grid is not None)
+    with suppress(errors.InputError):
+        wall, _ = smooth_wall.smooth_walls(used, is_lattice=sequence.grid is not None)
         motion = WallMotion.of(surfaces, None, wall, start)
         for name, one in zip(DEFINITIONS, measures_of(motion), strict=False):
             by_vertex = wall.projector.T @ motion.gradients(one, end, start)[0]
             found.append((name, "points", by_vertex @ turns[end]))
-        if (by_frame := _of_dyssynchrony(motion, phases_of(sequence))) is not None:
+        if (by_frame := _of_dyssynchrony(motion, dyssynchrony.phases_of(sequence))) is not None:
             volumes = readouts.curve.volumes
             shares = (volumes[start] - volumes) / (volumes[start] - volumes[end])
             total = np.einsum("f,fkj,fji->ki", shares, by_frame, turns)
@@ -317,14 +304,17 @@ def _moves(signature: ModalSignature, sequence: MeshSequence, template: Template
 
 def _of_dyssynchrony(motion: WallMotion, phases: Floats) -> Floats | None:
     """Gradient of the index by the coefficients of every frame, (frames, functions, 3)."""
-    if motion.wall.surface != CUP:
+    if motion.wall.surface != topologies.CUP:
         return None
-    sectors = sectors_of(motion)
-    volumes = segment_volumes(motion, sectors, N_SECTORS)
-    if (by_volume := index_gradient(volumes, phases)) is None:
+    sectors = dyssynchrony.sectors_of(motion)
+    volumes = dyssynchrony.segment_volumes(motion, sectors, dyssynchrony.N_SECTORS)
+    if (by_volume := dyssynchrony.index_gradient(volumes, phases)) is None:
         return None
     gradients = np.array(
-        [volume_gradients(motion, sectors, N_SECTORS, k) for k in range(motion.n_frames)]
+        [
+            dyssynchrony.volume_gradients(motion, sectors, dyssynchrony.N_SECTORS, k)
+            for k in range(motion.n_frames)
+        ]
     )
     # A volume is of the third degree in the coefficients: its gradient tells its sign.
     sign = np.sign(np.einsum("fkj,kfj->", gradients.sum(axis=2), motion.coefficients))

@@ -1,7 +1,5 @@
 """Volume over time, each with a bound, and the figures derived from it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,9 +9,7 @@ import numpy as np
 
 from modalmotion.clinical.smooth_wall import smooth_walls
 from modalmotion.errors import InputError
-from modalmotion.mesh import Cavity
-from modalmotion.mesh.checks import difference_deviation
-from modalmotion.mesh.geometry import volume_gradient
+from modalmotion.mesh import Cavity, checks, geometry
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, shown
@@ -159,7 +155,7 @@ class VolumeCurve:
             return 0.0
         at_end = float(self.deviations[self.end_systole])
         at_start = factor * float(self.deviations[self.end_diastole])
-        return difference_deviation(at_end, at_start, self.correlation)
+        return checks.difference_deviation(at_end, at_start, self.correlation)
 
     @property
     def share_bound(self) -> float | None:
@@ -212,6 +208,6 @@ def volume_deviations(sequence: MeshSequence, template: Template, cavity: Cavity
     moves = positions - positions.mean(axis=0)
     variances = wall.noise(moves, wall.coefficients(moves))
     variances *= sequence.n_frames / (sequence.n_frames - 1)
-    gradients = (volume_gradient(cavity, x) for x in positions)
+    gradients = (geometry.volume_gradient(cavity, x) for x in positions)
     squares = np.array([float((gradient**2).sum()) for gradient in gradients])
     return np.asarray(unit**3 * np.sqrt(variances * squares), dtype=np.float64)

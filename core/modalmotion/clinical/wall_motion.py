@@ -4,8 +4,6 @@ A figure is a mean over lines of the relative change of sums of stretch over pla
 first order: the gradient by the coefficients of the smooth surface, with the covariance of these.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -87,7 +85,7 @@ class WallMotion:
     @classmethod
     def of(
         cls, positions: Floats, uncertainty: Uncertainty | None, wall: SmoothWall, end_diastole: int
-    ) -> WallMotion:
+    ) -> "WallMotion":
         """Fit the wall to all frames.
 
         Parameters

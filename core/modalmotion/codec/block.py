@@ -6,8 +6,6 @@ made orthonormal in their order. So a limb that turns takes four numbers for eac
 its details are told once, with the shape.
 """
 
-from __future__ import annotations
-
 import hashlib
 import lzma
 import struct
@@ -33,8 +31,7 @@ from modalmotion.codec.coder import (
 from modalmotion.codec.spatial_modes import OrthonormalModes
 from modalmotion.codec.temporal import Quantiser, Temporal, TimeBasis, cosine_basis, restore_basis
 from modalmotion.errors import MalformedFileError
-from modalmotion.mesh.checks import FloatArray
-from modalmotion.representation import Floats, Ints
+from modalmotion.representation import FloatArray, Floats, Ints
 
 N_FUNCTIONS: Final = 4
 MOST_PARTS: Final = 256

@@ -5,8 +5,6 @@ once and cannot disagree with itself: a writer is given values and returns them,
 None and returns what it reads. The work is done by `native/coder.h` and its neighbours.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Iterator

@@ -4,23 +4,20 @@ Two passes: the triangles of nodes numbered as a walk meets them, then which nod
 `native/triangles.h` and `native/order.h` code them.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.codec.coder import Coder, damaged, parsing, read_varint, read_varints, write_varint
 from modalmotion.codec.spatial_modes import ENDS
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.limits import ReadLimits
 from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.modes.topology import CLOSED, Topology
-from modalmotion.representation import Floats, Ints, shown
+from modalmotion.modes.topologies import CLOSED, Topology
+from modalmotion.representation import Bytes, Floats, Ints, shown
 
 LARGEST_BLOCK: Final = 2**26
 """Coordinates of the largest block, unless a single frame has more."""
@@ -319,7 +316,7 @@ def read_faces(data: bytes, n_faces: int, n_vertices: int, grid: Grid | None) ->
     return Coder(data[2:]).faces((n_vertices, n_faces, data[1]), None)
 
 
-def _cells_of(grid: Grid, faces: Ints) -> NDArray[np.uint8] | None:
+def _cells_of(grid: Grid, faces: Ints) -> Bytes | None:
     """Pattern in which every cell of a lattice is cut into two triangles, if there is one.
 
     Returns
@@ -346,7 +343,7 @@ def _cells_of(grid: Grid, faces: Ints) -> NDArray[np.uint8] | None:
     return None
 
 
-def _faces_of(grid: Grid, pattern: NDArray[np.uint8], n_faces: int) -> Ints | None:
+def _faces_of(grid: Grid, pattern: Bytes, n_faces: int) -> Ints | None:
     topology, shape = grid
     if len(shape) != 2 or len(topology.ends) != 2:
         return None

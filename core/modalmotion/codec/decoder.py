@@ -1,27 +1,14 @@
 """Decoding: a stream back to a mesh sequence."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 
-from modalmotion.codec.block import read_block, restore_positions
-from modalmotion.codec.coder import damaged
-from modalmotion.codec.container import (
-    Grid,
-    Header,
-    read_faces,
-    read_header,
-    read_section,
-    skip_section,
-)
-from modalmotion.codec.spatial_modes import STORED, read_modes
+from modalmotion.codec import block, coder, container, spatial_modes
 from modalmotion.errors import ParameterError
 from modalmotion.limits import ReadLimits
-from modalmotion.mesh.checks import FloatArray, given_up
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.representation import Ints
+from modalmotion.mesh import checks, sequence
+from modalmotion.representation import FloatArray, Ints
 
 DECODE_LIMITS = ReadLimits()
 
@@ -31,7 +18,7 @@ def decode(
     *,
     frames: range | None = None,
     limits: ReadLimits = DECODE_LIMITS,
-) -> MeshSequence:
+) -> sequence.MeshSequence:
     """Decode a stream, or some of its frames.
 
     Parameters
@@ -53,7 +40,7 @@ def decode(
     ParameterError
         If the stream does not have these frames.
     """
-    header, position = read_header(data, limits)
+    header, position = container.read_header(data, limits)
     span = range(header.n_frames) if frames is None else frames
     if span.step != 1 or not 0 <= span.start < span.stop <= header.n_frames:
         raise ParameterError(
@@ -68,8 +55,8 @@ def decode(
     ]
     positions: FloatArray = np.concatenate(parts)  # type: ignore[assignment]
     times = None if header.times is None else header.times[span.start : span.stop]
-    return mesh_sequence(
-        given_up(positions),
+    return sequence.mesh_sequence(
+        checks.given_up(positions),
         faces,
         grid=header.grid,
         topology=header.topology,
@@ -78,7 +65,7 @@ def decode(
     )
 
 
-def inspect(data: bytes, *, limits: ReadLimits = DECODE_LIMITS) -> Header:
+def inspect(data: bytes, *, limits: ReadLimits = DECODE_LIMITS) -> container.Header:
     """Read the header of a stream, without decoding the rest.
 
     Raises
@@ -86,40 +73,42 @@ def inspect(data: bytes, *, limits: ReadLimits = DECODE_LIMITS) -> Header:
     MalformedFileError, LimitError
         As `decode`, as far as the header goes.
     """
-    return read_header(data, limits)[0]
+    return container.read_header(data, limits)[0]
 
 
-def _read_faces(data: bytes, position: int, header: Header) -> tuple[Ints, int]:
-    section, position = read_section(data, position)
+def _read_faces(data: bytes, position: int, header: container.Header) -> tuple[Ints, int]:
+    section, position = container.read_section(data, position)
     if not header.n_faces:
         return np.zeros((0, 3), dtype=np.int64), position
-    return read_faces(section, header.n_faces, header.n_vertices, _grid_of(header)), position
+    return container.read_faces(
+        section, header.n_faces, header.n_vertices, _grid_of(header)
+    ), position
 
 
-def _grid_of(header: Header) -> Grid | None:
+def _grid_of(header: container.Header) -> container.Grid | None:
     if header.grid is None or header.topology is None:
         return None
     return header.topology, header.grid
 
 
 def _blocks(
-    data: bytes, position: int, header: Header, faces: Ints, span: range
+    data: bytes, position: int, header: container.Header, faces: Ints, span: range
 ) -> Iterator[tuple[int, FloatArray]]:
     """First frame and positions of each block that overlaps a span of frames."""
     modes = None
-    if header.modes != STORED:
-        modes = read_modes(header.modes, header.n_vertices, faces)
+    if header.modes != spatial_modes.STORED:
+        modes = spatial_modes.read_modes(header.modes, header.n_vertices, faces)
     first = 0
     for n_frames in header.block_frames:
         if first >= span.stop or first + n_frames <= span.start:
-            position = skip_section(data, position)
+            position = container.skip_section(data, position)
         else:
-            section, position = read_section(data, position)
+            section, position = container.read_section(data, position)
             size = n_frames, header.n_vertices
             if modes is None:
-                yield first, restore_positions(section, *size, header.dtype)
+                yield first, block.restore_positions(section, *size, header.dtype)
             else:
-                yield first, read_block(section, *size, modes, header.dtype)
+                yield first, block.read_block(section, *size, modes, header.dtype)
         first += n_frames
     if position != len(data):
-        raise damaged(f"{len(data) - position} bytes follow the end of the stream.")
+        raise coder.damaged(f"{len(data) - position} bytes follow the end of the stream.")

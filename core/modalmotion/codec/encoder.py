@@ -1,20 +1,12 @@
 """Encoding: a mesh sequence at a target error or size."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Final
 
 import numpy as np
 
+from modalmotion.codec import container, spatial_modes
 from modalmotion.codec.block import store_positions
-from modalmotion.codec.container import (
-    LARGEST_BLOCK,
-    MOST_RELATIONS,
-    Header,
-    write_faces,
-    write_stream,
-)
 from modalmotion.codec.frames import (
     USUAL_SHARE,
     Choice,
@@ -27,14 +19,13 @@ from modalmotion.codec.frames import (
     require_target,
 )
 from modalmotion.codec.search import MOST_TRIALS, Encoded, Errors, measure, try_sizes
-from modalmotion.codec.spatial_modes import STORED
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress, Reporter, part_of, silent
 
 LONGEST_BLOCK: Final = 512
 
-RELATIONS: Final = {Effort.FAST: (2,), Effort.BALANCED: (MOST_RELATIONS, 2)}
+RELATIONS: Final = {Effort.FAST: (2,), Effort.BALANCED: (container.MOST_RELATIONS, 2)}
 """Numbers of relations to try in the numbering of the vertices: six take twice as long as none."""
 
 FEW: Final = 512
@@ -126,7 +117,7 @@ def _at_error(
     blocks: list[EncodedBlock] = []
     n_blocks = max(
         -(-sequence.n_frames // LONGEST_BLOCK),
-        min(sequence.n_frames, -(-sequence.vertices.size // LARGEST_BLOCK)),
+        min(sequence.n_frames, -(-sequence.vertices.size // container.LARGEST_BLOCK)),
     )
     bounds = [sequence.n_frames * i // n_blocks for i in range(n_blocks + 1)]
     for start, stop in itertools.pairwise(bounds):
@@ -144,7 +135,7 @@ def _at_error(
         return _store(sequence, faces)
     frames = tuple(len(block.positions) for block in blocks)
     header = _header(sequence, choice.modes.write(), errors, frames)
-    data = write_stream(header, faces, [block.data for block in blocks])
+    data = container.write_stream(header, faces, [block.data for block in blocks])
     names = sorted({block.kind.name.lower() for block in blocks})
     return _encoded(sequence, data, errors, f"{choice.name}, {' and '.join(names)}")
 
@@ -156,8 +147,8 @@ def _store(sequence: MeshSequence, faces: bytes) -> Encoded:
         sequence.vertices[start : start + LONGEST_BLOCK]
         for start in range(0, sequence.n_frames, LONGEST_BLOCK)
     ]
-    header = _header(sequence, STORED, errors, tuple(len(part) for part in frames))
-    data = write_stream(header, faces, [store_positions(part) for part in frames])
+    header = _header(sequence, spatial_modes.STORED, errors, tuple(len(part) for part in frames))
+    data = container.write_stream(header, faces, [store_positions(part) for part in frames])
     return _encoded(sequence, data, errors, "stored without loss")
 
 
@@ -203,13 +194,13 @@ def _faces_section(sequence: MeshSequence, n_relations: tuple[int, ...]) -> byte
     lattice = None
     if sequence.grid is not None and sequence.topology is not None:
         lattice = (sequence.topology, sequence.grid)
-    return write_faces(sequence.n_vertices, lattice, sequence.faces, n_relations)
+    return container.write_faces(sequence.n_vertices, lattice, sequence.faces, n_relations)
 
 
 def _header(
     sequence: MeshSequence, modes: bytes, errors: Errors, block_frames: tuple[int, ...]
-) -> Header:
-    return Header(
+) -> container.Header:
+    return container.Header(
         sequence.n_frames,
         sequence.n_vertices,
         len(sequence.faces),

@@ -1,7 +1,5 @@
 """Encoding of a sequence's frames: the requested error or size, and transforms to choose from."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -10,26 +8,16 @@ from typing import Final
 import numpy as np
 
 from modalmotion.arguments.checking import real, whole
+from modalmotion.codec import coder, joined_modes, spatial_modes
 from modalmotion.codec.block import MOST_QUANTA, Block, positions_of, write_block
-from modalmotion.codec.coder import LARGEST_MAGNITUDE, Guards, find_guards
-from modalmotion.codec.joined_modes import edges_of
 from modalmotion.codec.parts import Trial
 from modalmotion.codec.search import ModalBlock, attempt, coarsest, least, measure
-from modalmotion.codec.spatial_modes import (
-    LARGEST_PATCH,
-    MOST_WORK,
-    Cut,
-    LatticeModes,
-    OrthonormalModes,
-    PatchModes,
-)
 from modalmotion.codec.temporal import Temporal
 from modalmotion.errors import ParameterError
-from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import CLOSED, OPEN, OPEN_CURVE, Topology
+from modalmotion.modes.topologies import CLOSED, OPEN, OPEN_CURVE, Topology
 from modalmotion.progress import Progress, Reporter, part_of, silent
-from modalmotion.representation import Floats, Ints, with_article
+from modalmotion.representation import FloatArray, Floats, Ints, with_article
 
 
 class Effort(StrEnum):
@@ -100,8 +88,8 @@ def require_target(
 
 
 CUTS = {
-    Effort.FAST: Cut(patch=2048, leaf=128, share=50),
-    Effort.BALANCED: Cut(patch=LARGEST_PATCH, leaf=256, share=96),
+    Effort.FAST: spatial_modes.Cut(patch=2048, leaf=128, share=50),
+    Effort.BALANCED: spatial_modes.Cut(patch=spatial_modes.LARGEST_PATCH, leaf=256, share=96),
 }
 """How meshes are cut for their spring modes."""
 
@@ -119,7 +107,7 @@ class Choice:
         Name of the modes for people.
     """
 
-    modes: OrthonormalModes
+    modes: spatial_modes.OrthonormalModes
     kinds: tuple[Temporal, ...]
     effort: Effort
     name: str
@@ -130,7 +118,7 @@ def choose(sequence: MeshSequence, effort: Effort) -> Choice:
     on_lattice = sequence.grid is not None or not len(sequence.faces)
     if on_lattice:
         lattice = _lattice_modes(sequence)
-        modes: OrthonormalModes = lattice
+        modes: spatial_modes.OrthonormalModes = lattice
         name = f"closed-form modes of {with_article(str(lattice.topology))}"
     else:
         springs = _spring_modes(sequence, CUTS[effort])
@@ -142,7 +130,7 @@ def choose(sequence: MeshSequence, effort: Effort) -> Choice:
     return Choice(modes, kinds, effort, name)
 
 
-def _lattice_modes(sequence: MeshSequence) -> LatticeModes:
+def _lattice_modes(sequence: MeshSequence) -> spatial_modes.LatticeModes:
     grid = sequence.grid or (sequence.n_vertices,)
     topology = sequence.topology
     if topology is None or topology.n_axes != len(grid):
@@ -160,16 +148,16 @@ def _lattice_modes(sequence: MeshSequence) -> LatticeModes:
         int(np.clip(np.rint(64.0 * shortest / length), 1, 255)) if length > 0 else 64
         for length in lengths
     )
-    return LatticeModes(topology, grid, fineness)
+    return spatial_modes.LatticeModes(topology, grid, fineness)
 
 
-def _spring_modes(sequence: MeshSequence, cut: Cut) -> PatchModes:
+def _spring_modes(sequence: MeshSequence, cut: spatial_modes.Cut) -> spatial_modes.PatchModes:
     n = sequence.n_vertices
     cut = replace(cut, patch=min(cut.patch, n), leaf=min(cut.leaf, n))
-    while cut.work(n) > MOST_WORK and cut.patch > 1:
+    while cut.work(n) > spatial_modes.MOST_WORK and cut.patch > 1:
         patch = cut.patch // 2
         cut = replace(cut, patch=patch, leaf=min(cut.leaf, patch))
-    return PatchModes(edges_of(sequence.faces), n, cut)
+    return spatial_modes.PatchModes(joined_modes.edges_of(sequence.faces), n, cut)
 
 
 Ints = Ints
@@ -204,7 +192,7 @@ class EncodedBlock:
     data: bytes
     positions: FloatArray
     block: Block
-    guards: Guards
+    guards: coder.Guards
     corrections: Ints | None
 
     @property
@@ -212,7 +200,7 @@ class EncodedBlock:
         """Its temporal basis."""
         return self.block.kind
 
-    def tightened(self, most: int) -> EncodedBlock:
+    def tightened(self, most: int) -> "EncodedBlock":
         """Write the same in fewer bytes and more time, for at most so many bits."""
         mixed = replace(self.block, mixed=True)
         if sum(map(count_bits, (mixed.basis, mixed.coefficients, mixed.maps))) > most:
@@ -363,7 +351,7 @@ def _finish(
     Only vertices farther off than `room`, in quanta, are corrected, in steps of `width`. None if
     the numbers are too large, or other machines may round them otherwise.
     """
-    if trial.largest > LARGEST_MAGNITUDE:
+    if trial.largest > coder.LARGEST_MAGNITUDE:
         return None
     block = trial.block(len(frames.vertices), frames.exponent, frames.origin, width)
     scaled = block.scaled(choice.modes)
@@ -373,7 +361,7 @@ def _finish(
     uncertainty = _uncertainty(scaled, None if shaken is None else block.scaled(shaken))
     if uncertainty > MOST_UNCERTAIN:
         return None
-    guards = find_guards(scaled, uncertainty)
+    guards = coder.find_guards(scaled, uncertainty)
     whole = guards.round(scaled)
     corrections = None
     if width:

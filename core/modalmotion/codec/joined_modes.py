@@ -7,8 +7,6 @@ order, is turned into them by a rotation (Cayley). Every step is orthonormal, so
 lost: the modes are complete, and nearly the eigenvectors where it counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -45,7 +43,7 @@ class Springs:
     b: Ints
     stiffness: Floats
 
-    def within(self, chosen: Bools, place: Ints) -> Springs:
+    def within(self, chosen: Bools, place: Ints) -> "Springs":
         """Take some springs, between other places."""
         return Springs(place[self.a[chosen]], place[self.b[chosen]], self.stiffness[chosen])
 

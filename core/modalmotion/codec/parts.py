@@ -1,26 +1,14 @@
 """Search for parts of a surface that move as one, by trials of what they cost."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 import scipy
 
+from modalmotion.codec import temporal
 from modalmotion.codec.block import MOST_PARTS, N_FUNCTIONS, Block, Parts
 from modalmotion.codec.spatial_modes import OrthonormalModes
-from modalmotion.codec.temporal import (
-    ALIKE,
-    Quantiser,
-    Temporal,
-    basis_numbers,
-    fit_quantiser,
-    is_countable,
-    last_used,
-    quantise,
-    restore_basis,
-)
 from modalmotion.representation import Floats, Ints
 
 PRICE: Final = 0.13
@@ -152,8 +140,8 @@ class Trial:
     maps : (components, 4 x parts) int64
     """
 
-    kind: Temporal
-    quantiser: Quantiser
+    kind: temporal.Temporal
+    quantiser: temporal.Quantiser
     basis: Ints
     coefficients: Ints
     squared_error: float
@@ -177,7 +165,7 @@ class Trial:
 
     def block(self, n_frames: int, exponent: int, origin: Ints, width: int = 0) -> Block:
         """Make the block, without modes that no coefficient uses."""
-        n_modes = max(1, last_used(self.coefficients.any(axis=0)))
+        n_modes = max(1, temporal.last_used(self.coefficients.any(axis=0)))
         return Block(
             self.kind,
             n_frames,
@@ -238,17 +226,19 @@ class Articulated:
         step : float, quanta
         """
         exact = self.shape * np.sqrt(len(self.amplitudes))
-        if not is_countable(exact, step):
+        if not temporal.is_countable(exact, step):
             return None
-        shape = quantise(exact, step, PRICE)
-        first = self._quantised(shape, fit_quantiser(exact, shape, step), None)
+        shape = temporal.quantise(exact, step, PRICE)
+        first = self._quantised(shape, temporal.fit_quantiser(exact, shape, step), None)
         if first is None:
             return None
         # Again with one set of shifts for all numbers, and without what is not worth its bits.
         again = self._quantised(shape, first.shifted, first.n_worth)
         return None if again is None else again.trial
 
-    def _quantised(self, numbers: Ints, quantiser: Quantiser, most: int | None) -> _Found | None:
+    def _quantised(
+        self, numbers: Ints, quantiser: temporal.Quantiser, most: int | None
+    ) -> "_Found | None":
         n_frames, step = len(self.amplitudes), quantiser.step
         constant = quantiser.restore(numbers) / np.sqrt(n_frames)
         shape = self.modes.synthesise(constant)
@@ -256,23 +246,25 @@ class Articulated:
         turned = self.parts.gathered((self.offsets - shape).reshape(3 * n_frames, -1), functions)
         left = (self.amplitudes - constant).reshape(3 * n_frames, -1)
 
-        exact_basis = basis_numbers(_components(turned, n_frames))
-        if not is_countable(exact_basis, step):
+        exact_basis = temporal.basis_numbers(_components(turned, n_frames))
+        if not temporal.is_countable(exact_basis, step):
             return None
         loud = np.abs(exact_basis).max(axis=1) > step / 2
         exact_basis = exact_basis[: int(np.count_nonzero(loud))][:most]
-        basis = quantise(exact_basis, step, PRICE)
+        basis = temporal.quantise(exact_basis, step, PRICE)
         basis = basis[: leading(basis.any(axis=1))]
-        time_basis = restore_basis(Temporal.PARTS, basis, n_frames, quantiser)
+        time_basis = temporal.restore_basis(temporal.Temporal.PARTS, basis, n_frames, quantiser)
         B = time_basis.learned.reshape(3 * n_frames, -1)
 
         exact_maps, exact_rows = _fitted(B, turned), _fitted(B, left)
-        if not (is_countable(exact_maps, step) and is_countable(exact_rows, step)):
+        if not (
+            temporal.is_countable(exact_maps, step) and temporal.is_countable(exact_rows, step)
+        ):
             return None
-        maps = quantise(exact_maps, step, PRICE)
+        maps = temporal.quantise(exact_maps, step, PRICE)
         mapped = quantiser.restore(maps) @ self.modes.analyse(self.parts.apart(functions))
         exact_rest = exact_rows - mapped
-        rest = quantise(exact_rest, step, PRICE)
+        rest = temporal.quantise(exact_rest, step, PRICE)
         rows = mapped + quantiser.restore(rest)
 
         gain = (exact_rows**2 - (exact_rows - rows) ** 2).sum(axis=1) / step**2
@@ -285,7 +277,7 @@ class Articulated:
             (exact_rest, rest),
         )
         trial = Trial(
-            Temporal.PARTS,
+            temporal.Temporal.PARTS,
             quantiser,
             basis,
             np.concatenate([numbers, rest]),
@@ -293,7 +285,7 @@ class Articulated:
             self.parts,
             maps,
         )
-        shifted = fit_quantiser(
+        shifted = temporal.fit_quantiser(
             np.concatenate([exact.ravel() for exact, _ in pairs]),
             np.concatenate([rounded.ravel() for _, rounded in pairs]),
             step,
@@ -307,7 +299,7 @@ class _Found:
     """A trial, the quantiser that suits all its numbers, and how many components are worth it."""
 
     trial: Trial
-    shifted: Quantiser
+    shifted: temporal.Quantiser
     n_worth: int
 
 
@@ -345,5 +337,5 @@ def _fitted(B: Floats, motion: Floats) -> Floats:
     if not B.shape[1]:
         return np.zeros((0, motion.shape[1]))
     # Orthonormal up to their rounding: fitted, not projected.
-    found, *_ = scipy.linalg.lstsq(B, motion, cond=ALIKE, lapack_driver="gelsy")
+    found, *_ = scipy.linalg.lstsq(B, motion, cond=temporal.ALIKE, lapack_driver="gelsy")
     return np.asarray(found)

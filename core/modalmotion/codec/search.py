@@ -1,7 +1,5 @@
 """Search for blocks and steps that meet an error or a size."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,22 +9,9 @@ from typing import Final
 import numpy as np
 
 from modalmotion.arguments.checking import Saved
+from modalmotion.codec import spatial_modes, temporal
 from modalmotion.codec.parts import PRICE, Articulated, Trial, find_parts, leading, rough_bits
-from modalmotion.codec.spatial_modes import OrthonormalModes
-from modalmotion.codec.temporal import (
-    Quantiser,
-    Temporal,
-    basis_numbers,
-    cosine_basis,
-    fit_quantiser,
-    is_countable,
-    last_used,
-    learned_components,
-    quantise,
-    restore_basis,
-)
-from modalmotion.mesh.checks import FloatArray
-from modalmotion.representation import Floats, Ints, shown
+from modalmotion.representation import FloatArray, Floats, Ints, shown
 
 Ints = Ints
 
@@ -47,18 +32,18 @@ class ModalBlock:
 
     amplitudes: Floats
     offsets: Floats | None = None
-    modes: OrthonormalModes | None = None
+    modes: spatial_modes.OrthonormalModes | None = None
     _articulated: list[Articulated | None] = field(default_factory=list)
 
     @cached_property
     def cosines(self) -> Floats:
         """Coefficients of cosines over time, (3 x components, modes), slow ones first."""
-        return cosine_basis(len(self.amplitudes)).project(self.amplitudes)
+        return temporal.cosine_basis(len(self.amplitudes)).project(self.amplitudes)
 
     @cached_property
     def components(self) -> Floats:
         """Numbers of the learned components, unrounded, (components, frames x 3)."""
-        return basis_numbers(learned_components(self.amplitudes))
+        return temporal.basis_numbers(temporal.learned_components(self.amplitudes))
 
     def articulated(self, step: float) -> Articulated | None:
         """Parts that move as one, found at the first step asked for; None if there are none."""
@@ -70,7 +55,7 @@ class ModalBlock:
         return self._articulated[0]
 
 
-def attempt(motion: ModalBlock, kind: Temporal, step: float) -> Trial | None:
+def attempt(motion: ModalBlock, kind: temporal.Temporal, step: float) -> Trial | None:
     """Quantise some frames at one step.
 
     Parameters
@@ -86,16 +71,16 @@ def attempt(motion: ModalBlock, kind: Temporal, step: float) -> Trial | None:
     """
     # As the stream holds it.
     step = float(np.float32(step))
-    if kind == Temporal.PARTS:
+    if kind == temporal.Temporal.PARTS:
         parts = motion.articulated(step)
         return None if parts is None else parts.attempt(step)
-    if kind == Temporal.DCT:
+    if kind == temporal.Temporal.DCT:
         exact = motion.cosines
-        if not is_countable(exact, step):
+        if not temporal.is_countable(exact, step):
             return None
-        numbers = quantise(exact, step, PRICE)
-        n_rows = 3 * max(1, -(-last_used(numbers.any(axis=1)) // 3))
-        quantiser = fit_quantiser(exact[:n_rows], numbers[:n_rows], step)
+        numbers = temporal.quantise(exact, step, PRICE)
+        n_rows = 3 * max(1, -(-temporal.last_used(numbers.any(axis=1)) // 3))
+        quantiser = temporal.fit_quantiser(exact[:n_rows], numbers[:n_rows], step)
         error = ((exact[:n_rows] - quantiser.restore(numbers[:n_rows])) ** 2).sum()
         error += (exact[n_rows:] ** 2).sum()
         empty = np.zeros((0, 0), dtype=np.int64)
@@ -104,23 +89,27 @@ def attempt(motion: ModalBlock, kind: Temporal, step: float) -> Trial | None:
 
 
 def _attempt_trajectories(motion: ModalBlock, step: float) -> Trial | None:
-    kind, n_frames, exact_basis = Temporal.TRAJECTORY, len(motion.amplitudes), motion.components
-    if not is_countable(exact_basis, step):
+    kind, n_frames, exact_basis = (
+        temporal.Temporal.TRAJECTORY,
+        len(motion.amplitudes),
+        motion.components,
+    )
+    if not temporal.is_countable(exact_basis, step):
         return None
     exact_basis = exact_basis[: int(np.count_nonzero(np.abs(exact_basis).max(axis=1) > step / 2))]
-    basis = quantise(exact_basis, step, PRICE)
+    basis = temporal.quantise(exact_basis, step, PRICE)
     basis = basis[: leading(basis.any(axis=1))]
     for last in (False, True):
         exact_basis = exact_basis[: len(basis)]
-        quantiser = fit_quantiser(exact_basis, basis, step)
-        time_basis = restore_basis(kind, basis, n_frames, quantiser)
+        quantiser = temporal.fit_quantiser(exact_basis, basis, step)
+        time_basis = temporal.restore_basis(kind, basis, n_frames, quantiser)
         exact = time_basis.project(motion.amplitudes)
-        if not is_countable(exact, step):
+        if not temporal.is_countable(exact, step):
             return None
-        numbers = quantise(exact, step, PRICE)
+        numbers = temporal.quantise(exact, step, PRICE)
         if last or not len(basis):
             break
-        restored = Quantiser(step, (0, 0, 0)).restore(numbers[3:])
+        restored = temporal.Quantiser(step, (0, 0, 0)).restore(numbers[3:])
         gain = (exact[3:] ** 2 - (exact[3:] - restored) ** 2).sum(axis=1)
         bits = rough_bits(numbers[3:]) + rough_bits(basis)
         worth = np.cumsum(gain / step**2 - PRICE * bits)
@@ -128,13 +117,13 @@ def _attempt_trajectories(motion: ModalBlock, step: float) -> Trial | None:
         if n_worth == len(basis):
             break
         basis = basis[:n_worth]
-    together = fit_quantiser(
+    together = temporal.fit_quantiser(
         np.concatenate([exact_basis.ravel(), exact.ravel()]),
         np.concatenate([basis.ravel(), numbers.ravel()]),
         step,
     )
     if together.shifts != quantiser.shifts:
-        time_basis = restore_basis(kind, basis, n_frames, together)
+        time_basis = temporal.restore_basis(kind, basis, n_frames, together)
     rows = together.restore(numbers)
     error = ((motion.amplitudes - time_basis.superpose(rows)) ** 2).sum()
     return Trial(kind, together, basis, numbers, float(error))
@@ -145,7 +134,7 @@ MOST_ATTEMPTS: Final = 12
 
 
 def coarsest(
-    motion: ModalBlock, kind: Temporal, squared_error: float, start: float
+    motion: ModalBlock, kind: temporal.Temporal, squared_error: float, start: float
 ) -> Trial | None:
     """Find the coarsest step whose squared error stays within a bound.
 

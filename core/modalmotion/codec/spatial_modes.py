@@ -6,8 +6,6 @@ its two ends decide: then no two frequencies coincide, and each mode is one vect
 is fixed by a rule. How far rounding can turn the modes is seen by solving again with errors.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
@@ -15,28 +13,9 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from modalmotion.codec.coder import damaged, parsing, read_varint, read_varints, write_varint
-from modalmotion.codec.joined_modes import (
-    PatchBasis,
-    Springs,
-    by_rank,
-    edges_of,
-    patches_of,
-    scatter,
-    solve_patch,
-    stiffness_of,
-)
-from modalmotion.codec.temporal import (
-    cosines,
-    from_cosines,
-    from_sines,
-    odd_sines,
-    sines,
-    turn,
-    turn_back,
-)
+from modalmotion.codec import coder, joined_modes, temporal
 from modalmotion.errors import LimitError
-from modalmotion.modes.topology import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology, require_shape
+from modalmotion.modes.topologies import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology, require_shape
 from modalmotion.representation import Floats, Ints
 
 Ints = Ints
@@ -103,10 +82,10 @@ class PatchModes:
     @cached_property
     def patches(self) -> list[Ints]:
         """Vertices of each patch, ascending."""
-        return patches_of(self.edges, self.n_vertices, self.cut.patch)
+        return joined_modes.patches_of(self.edges, self.n_vertices, self.cut.patch)
 
     @cached_property
-    def bases(self) -> list[PatchBasis]:
+    def bases(self) -> list[joined_modes.PatchBasis]:
         """Modes of each patch, for unit stiffness and mass."""
         owner, where = np.empty((2, self.n_vertices), dtype=np.int64)
         for number, patch in enumerate(self.patches):
@@ -115,24 +94,28 @@ class PatchModes:
         edges = self.edges[owner[self.edges[:, 0]] == owner[self.edges[:, 1]]]
         edges = edges[np.argsort(owner[edges[:, 0]], kind="stable")]
         cuts = np.searchsorted(owner[edges[:, 0]], np.arange(len(self.patches) + 1))
-        (a, b), stiffness = where[edges.T], stiffness_of(edges)
+        (a, b), stiffness = where[edges.T], joined_modes.stiffness_of(edges)
         leaves: list[list[Ints]] = [[] for _ in self.patches]
         parts = self.patches
         if self.cut.leaf < self.cut.patch:
-            parts = patches_of(edges, self.n_vertices, self.cut.leaf)
+            parts = joined_modes.patches_of(edges, self.n_vertices, self.cut.leaf)
         for part in parts:
             leaves[int(owner[part[0]])].append(where[part])
         bases = []
         for patch, own, start, end in zip(self.patches, leaves, cuts, cuts[1:], strict=False):
-            springs = Springs(a[start:end], b[start:end], stiffness[start:end])
+            springs = joined_modes.Springs(a[start:end], b[start:end], stiffness[start:end])
             n_joined = self.cut.n_joined(len(patch), len(own))
-            bases.append(solve_patch(own, springs, scatter(patch, 1) - 0.5, n_joined, self.errors))
+            bases.append(
+                joined_modes.solve_patch(
+                    own, springs, joined_modes.scatter(patch, 1) - 0.5, n_joined, self.errors
+                )
+            )
         return bases
 
     @cached_property
     def order(self) -> Ints:
         """Number of each mode, patch after patch, by its rank in the patch over its size."""
-        return by_rank([len(patch) for patch in self.patches])
+        return joined_modes.by_rank([len(patch) for patch in self.patches])
 
     def analyse(self, values: Floats) -> Floats:
         """Values at the vertices to coefficients, (rows, vertices) to (rows, modes)."""
@@ -154,18 +137,18 @@ class PatchModes:
         return values
 
     @cached_property
-    def shaken(self) -> PatchModes:
+    def shaken(self) -> "PatchModes":
         """The same modes with errors that are larger than those of rounding."""
         return replace(self, errors=ROUNDING)
 
     def pieces(self, largest: int) -> list[Ints]:
         """Vertices of the connected parts of the mesh, halved until none is larger."""
-        return patches_of(self.edges, self.n_vertices, largest)
+        return joined_modes.patches_of(self.edges, self.n_vertices, largest)
 
     def write(self) -> bytes:
         """Write which modes these are."""
         cut = self.cut
-        sizes = write_varint(cut.patch) + write_varint(cut.leaf)
+        sizes = coder.write_varint(cut.patch) + coder.write_varint(cut.leaf)
         return bytes([SPRINGS]) + sizes + bytes([cut.share])
 
 
@@ -179,7 +162,7 @@ def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
     LimitError
         If solving for them would take too long.
     """
-    (patch, leaf), position = read_varints(data, 1, 2)
+    (patch, leaf), position = coder.read_varints(data, 1, 2)
     share = data[position]
     if not 1 <= leaf <= patch or position + 1 != len(data):
         raise ValueError
@@ -190,7 +173,7 @@ def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
             remedy="No encoder of this project writes such a stream: refuse its sender.",
             limit="spring_modes",
         )
-    return PatchModes(edges_of(faces), n_vertices, cut)
+    return PatchModes(joined_modes.edges_of(faces), n_vertices, cut)
 
 
 LATTICE: Final = 1
@@ -278,7 +261,7 @@ class LatticeModes:
         """Write which modes these are."""
         parts = [bytes([LATTICE, len(self.shape)])]
         for ends, n, fine in zip(self.topology.ends, self.shape, self.fineness, strict=True):
-            parts += [bytes([ENDS.index(ends), fine]), write_varint(n)]
+            parts += [bytes([ENDS.index(ends), fine]), coder.write_varint(n)]
         return b"".join(parts)
 
     def _axes(self) -> list[int]:
@@ -296,14 +279,14 @@ class LatticeModes:
     def _along(self, array: Floats, axis: int, *, inverse: bool) -> Floats:
         ends, place = self.topology.ends[axis], axis + 1
         if ends == CLOSED:
-            return turn_back(array, place) if inverse else turn(array, place)
-        even = (from_cosines if inverse else cosines)(array, place)
+            return temporal.turn_back(array, place) if inverse else temporal.turn(array, place)
+        even = (temporal.from_cosines if inverse else temporal.cosines)(array, place)
         if ends == OPEN:
             return even
         if ends == POLE_OPEN:
-            odd = odd_sines(array, place)
+            odd = temporal.odd_sines(array, place)
         else:
-            odd = (from_sines if inverse else sines)(array, place)
+            odd = (temporal.from_sines if inverse else temporal.sines)(array, place)
         return np.where(self._odd_at_pole(axis)[None] == 1, odd, even)
 
 
@@ -319,7 +302,7 @@ def read_lattice_modes(data: bytes, n_vertices: int) -> LatticeModes:
     for _ in range(data[1]):
         ends.append(ENDS[data[position]])
         fineness.append(data[position + 1])
-        n, position = read_varint(data, position + 2)
+        n, position = coder.read_varint(data, position + 2)
         shape.append(n)
     topology = Topology(tuple(ends))
     if prod(shape) != n_vertices or position != len(data):
@@ -349,7 +332,7 @@ class OrthonormalModes(Protocol):
         """Coefficients of the first modes to values, (rows, modes) to (rows, vertices)."""
 
     @property
-    def shaken(self) -> OrthonormalModes | None:
+    def shaken(self) -> "OrthonormalModes | None":
         """The same modes with errors larger than rounding; None if none are solved for."""
 
     def pieces(self, largest: int) -> list[Ints] | None:
@@ -369,9 +352,9 @@ def read_modes(data: bytes, n_vertices: int, faces: Ints) -> OrthonormalModes:
     LimitError
         If solving for them would take too long.
     """
-    with parsing(_UNKNOWN):
+    with coder.parsing(_UNKNOWN):
         if data[0] == LATTICE:
             return read_lattice_modes(data, n_vertices)
         if data[0] == SPRINGS:
             return read_patch_modes(data, n_vertices, faces)
-    raise damaged(_UNKNOWN)
+    raise coder.damaged(_UNKNOWN)

@@ -1,7 +1,5 @@
 """Temporal components, whose combinations are the coefficients of all frames."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Final

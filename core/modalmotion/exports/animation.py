@@ -1,7 +1,5 @@
 """Animated meshes of modes and of motions in them."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Iterator
@@ -18,20 +16,14 @@ from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import Oscillators, State, free_response
 from modalmotion.representation import Floats, shown
-from modalmotion.signature.making import (
-    ModalSignature,
-    SignatureKind,
-    resolve_sequence,
-    resolve_template,
-)
-from modalmotion.template import Template
-from modalmotion.template.body_frame import Components
+from modalmotion.signature import making
+from modalmotion.template import Template, body_frame
 from modalmotion.template.template import shapes_of
 from modalmotion.template.vibration_modes import VibrationModes
 
 
 def modal_animation(
-    signature: ModalSignature,
+    signature: making.ModalSignature,
     sequence: MeshSequence,
     max_targets: int | None = None,
     *,
@@ -71,15 +63,15 @@ def modal_animation(
         )
     if max_targets is not None and max_targets < 0:
         raise ParameterError(f"{max_targets} targets were requested.", remedy="Ask for 0 or more.")
-    along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
-    if along_normal or parameters.components != Components.CARTESIAN:
+    along_normal = signature.kind == making.SignatureKind.NORMAL_DISPLACEMENT
+    if along_normal or parameters.components != body_frame.Components.CARTESIAN:
         raise ParameterError(
             "The amplitudes are along directions that differ by vertex; a target has one.",
             remedy="Fit with kind = material and components = cartesian, or write the superposed "
             "surfaces.",
         )
-    resolved = resolve_sequence(sequence, parameters)
-    used = resolve_template(resolved, parameters, template)
+    resolved = making.resolve_sequence(sequence, parameters)
+    used = making.resolve_template(resolved, parameters, template)
     start = reference_positions(sequence, parameters.reference)
     centre = used.weights @ start
     # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.

@@ -10,25 +10,19 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from modalmotion import formats, store
+from modalmotion import clinical, codec, errors, formats, store, tracking
 from modalmotion.arguments.checking import Plotted
 from modalmotion.classification import Classification, Evaluation, Model, ModelCard
-from modalmotion.clinical import ClinicalReadouts
+from modalmotion.clinical import ventricle
 from modalmotion.clinical.strain import Strain
-from modalmotion.clinical.ventricle import VentricleReadouts
-from modalmotion.codec import Encoded, decode
-from modalmotion.errors import NotFoundError, ParameterError, StoreError
 from modalmotion.exports.reading import PICTURES, picture_bytes, read, write_picture
 from modalmotion.exports.tables import amplitude_table
-from modalmotion.formats.detect import STREAM
-from modalmotion.formats.glb_writing import frame_animation
-from modalmotion.hdf5.image import form_of
-from modalmotion.hdf5.sealed import SIGNATURE
+from modalmotion.formats import detect, glb_writing
+from modalmotion.hdf5 import image, sealed
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm, norm_from_hdf5, norm_to_hdf5
+from modalmotion.pictures import modes, readouts
 from modalmotion.pictures.classification import answer_figure, card_figure, evaluation_figure
-from modalmotion.pictures.modes import template_figure
-from modalmotion.pictures.readouts import bulls_eye_figure, strain_figure, volume_figure
 from modalmotion.pictures.signature import (
     amplitudes_figure,
     main_trajectories,
@@ -37,11 +31,9 @@ from modalmotion.pictures.signature import (
 )
 from modalmotion.pictures.track import data_figure, deviations_figure, usual_frame
 from modalmotion.representation import Floats, counted, numeral, with_article
-from modalmotion.signature import SignatureKind, Tradeoff
-from modalmotion.signature.making import ModalSignature, modal_signature
+from modalmotion.signature import SignatureKind, Tradeoff, making
 from modalmotion.signature.mode_names import mode_colour, plain_name
 from modalmotion.template import Template
-from modalmotion.tracking import Track
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,18 +74,18 @@ def _drawn(value: Any) -> Figure:
         case str() | Path():
             return _drawn(load(value))
         case MeshSequence():
-            return signature_figure(value, modal_signature(value))
-        case ModalSignature():
+            return signature_figure(value, making.modal_signature(value))
+        case making.ModalSignature():
             return amplitudes_figure(value)
-        case Track():
+        case tracking.Track():
             has_data = value.data is not None
             return data_figure(value) if has_data else deviations_figure(value, usual_frame(value))
-        case ClinicalReadouts():
-            return volume_figure(value)
-        case VentricleReadouts() if value.regions is not None:
-            return bulls_eye_figure(value.regions)
+        case clinical.ClinicalReadouts():
+            return readouts.volume_figure(value)
+        case ventricle.VentricleReadouts() if value.regions is not None:
+            return readouts.bulls_eye_figure(value.regions)
         case Strain():
-            return strain_figure(value)
+            return readouts.strain_figure(value)
         case Classification():
             return answer_figure(value)
         case Model():
@@ -105,8 +97,8 @@ def _drawn(value: Any) -> Figure:
         case Tradeoff():
             return tradeoff_figure(value)
         case Template():
-            return template_figure(value)
-    raise ParameterError(
+            return modes.template_figure(value)
+    raise errors.ParameterError(
         f"There is no picture of {with_article(type(value).__name__)}.",
         remedy="Give a sequence (read(path)), or a result: a signature, read-outs, strain, a "
         "track, a class, a model, a trade-off.",
@@ -123,7 +115,7 @@ _WIDTH: Final = 420
 _HEIGHT: Final = 130
 
 
-def to_html(signature: ModalSignature) -> str:
+def to_html(signature: making.ModalSignature) -> str:
     """Write a signature as HTML: its modes in words, their amplitudes over time, error and caveats.
 
     Parameters
@@ -198,14 +190,14 @@ def _curves(paths: Floats, colours: list[str]) -> str:
 def _page(sequence: MeshSequence) -> bytes:
     from modalmotion.viewer.page import View, view_page
 
-    return view_page([View(modal_signature(sequence), sequence)]).encode()
+    return view_page([View(making.modal_signature(sequence), sequence)]).encode()
 
 
 SURFACES: Final[dict[str, Callable[[MeshSequence], bytes]]] = {
     ".npz": formats.write_npz,
     ".h5": store.sequence_to_hdf5,
     ".vtkhdf": formats.write_vtkhdf,
-    ".glb": lambda sequence: formats.write_glb(frame_animation(sequence)),
+    ".glb": lambda sequence: formats.write_glb(glb_writing.frame_animation(sequence)),
     ".zip": formats.write_ply_zip,
     ".raw": formats.write_raw,
 }
@@ -213,9 +205,9 @@ SURFACES: Final[dict[str, Callable[[MeshSequence], bytes]]] = {
 
 _WRITERS: Final[tuple[tuple[type, dict[str, Callable[[Any], bytes]]], ...]] = (
     (MeshSequence, {**SURFACES, ".html": _page}),
-    (Track, {".h5": store.track_to_hdf5}),
+    (tracking.Track, {".h5": store.track_to_hdf5}),
     (
-        ModalSignature,
+        making.ModalSignature,
         {
             ".h5": store.signature_to_hdf5,
             ".csv": lambda value: amplitude_table(value).to_csv().encode(),
@@ -226,7 +218,7 @@ _WRITERS: Final[tuple[tuple[type, dict[str, Callable[[Any], bytes]]], ...]] = (
     (Norm, {".h5": norm_to_hdf5}),
     (Template, {".h5": store.template_to_hdf5}),
     (Classification, {".h5": store.classification_to_hdf5}),
-    (Encoded, {".mms": lambda value: value.data}),
+    (codec.Encoded, {".mms": lambda value: value.data}),
 )
 
 _READERS: Final[dict[str, Callable[[Path], Any]]] = {
@@ -267,12 +259,12 @@ def save(value: Any, path: str | Path) -> Path:
         value.plot(path)
         return path
     writers = next((of for kind, of in _WRITERS if isinstance(value, kind)), {})
-    if suffix not in writers and isinstance(value, Track):
+    if suffix not in writers and isinstance(value, tracking.Track):
         return save(value.sequence, path)
     if suffix not in writers:
         known = [*writers, *(PICTURES if isinstance(value, Plotted) else ())]
         what = with_article(type(value).__name__)
-        raise ParameterError(
+        raise errors.ParameterError(
             f"{path.name!r} has no format for {what}.",
             remedy=f"End the name with {', '.join(known)}."
             if known
@@ -303,17 +295,17 @@ def load(path: str | Path) -> Any:
     """
     path = Path(path)
     if not path.exists() and not set(path.name) & set("*?["):
-        raise NotFoundError(f"There is no file '{path}'.", remedy="Check the path.")
+        raise errors.NotFoundError(f"There is no file '{path}'.", remedy="Check the path.")
     if path.is_file():
         with path.open("rb") as file:
-            head = file.read(len(SIGNATURE))
-        if head.startswith(STREAM):
-            return decode(path.read_bytes())
-        if head == SIGNATURE:
+            head = file.read(len(sealed.SIGNATURE))
+        if head.startswith(detect.STREAM):
+            return codec.decode(path.read_bytes())
+        if head == sealed.SIGNATURE:
             # HDF5 of other programs has no form.
             kind = ""
-            with suppress(StoreError):
-                kind = form_of(path).kind
+            with suppress(errors.StoreError):
+                kind = image.form_of(path).kind
             if kind in _READERS:
                 return _READERS[kind](path)
     return read(path)

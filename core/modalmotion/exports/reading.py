@@ -7,10 +7,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from modalmotion.errors import ParameterError
-from modalmotion.formats import ReadOptions, read_sequence
-from modalmotion.formats.detect import STREAM
-from modalmotion.formats.result import Reading
+from modalmotion import errors, formats
+from modalmotion.formats import detect, result
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Reporter
 from modalmotion.store.disk import write_atomic
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
+def read(path: str | Path, options: formats.ReadOptions | None = None) -> MeshSequence:
     """Read a moving surface: a file, a folder of frames, or a pattern such as "scan_*.ply".
 
     Parameters
@@ -51,26 +49,26 @@ def read(path: str | Path, options: ReadOptions | None = None) -> MeshSequence:
 
 
 def read_recording(
-    path: Path, options: ReadOptions | None = None, *, progress: Reporter | None = None
-) -> Reading:
+    path: Path, options: formats.ReadOptions | None = None, *, progress: Reporter | None = None
+) -> result.Reading:
     """Read a moving surface with its notes; for a track its sequence and errors.
 
     A compressed stream is decoded.
     """
-    options = ReadOptions() if options is None else options
+    options = formats.ReadOptions() if options is None else options
     stream = stream_at(path)
     if stream is not None:
         from modalmotion.codec import decode
 
-        return options.apply(Reading(decode(stream, limits=options.limits), format="stream"))
+        return options.apply(result.Reading(decode(stream, limits=options.limits), format="stream"))
     if path.suffix.lower() in (".h5", ".hdf5"):
         # Tracking is imported for these only.
         from modalmotion.tracking.hdf5 import kept_track
 
         track = kept_track(path)
         if track is not None:
-            return options.apply(Reading(track.sequence, format="hdf5"))
-    return read_sequence(path, options, progress=progress)
+            return options.apply(result.Reading(track.sequence, format="hdf5"))
+    return formats.read_sequence(path, options, progress=progress)
 
 
 def stream_at(path: Path) -> bytes | None:
@@ -78,8 +76,8 @@ def stream_at(path: Path) -> bytes | None:
     if not path.is_file():
         return None
     with path.open("rb") as file:
-        start = file.read(len(STREAM))
-        return start + file.read() if start == STREAM else None
+        start = file.read(len(detect.STREAM))
+        return start + file.read() if start == detect.STREAM else None
 
 
 PICTURES: Final = (".png", ".svg", ".pdf")
@@ -104,7 +102,7 @@ def write_picture(figure: Figure, path: Path) -> None:
         If it cannot be written.
     """
     if path.suffix.lower() not in PICTURES:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"{path.name!r} does not have the suffix of a picture.",
             remedy=f"Use a name that ends with {', '.join(PICTURES)}.",
         )

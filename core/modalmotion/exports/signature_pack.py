@@ -11,30 +11,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.errors import (
-    CorruptFileError,
-    NotFoundError,
-    ParameterError,
-    StoreError,
-)
-from modalmotion.formats import write_glb, write_npz, write_ply_zip, write_vtkhdf
+from modalmotion import errors, formats
 from modalmotion.hdf5.image import Form
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.scales import lengths
 from modalmotion.progress import Reporter, reported
-from modalmotion.representation import Floats
-from modalmotion.signature.hdf5 import mode_datasets
-from modalmotion.signature.making import ModalSignature
-from modalmotion.signature.reconstruction import at_times, reconstruct, resample
+from modalmotion.representation import Array, Floats
+from modalmotion.signature import hdf5, making, reconstruction
 from modalmotion.store.disk import write_atomic
 from modalmotion.template import Template
 
 if TYPE_CHECKING:
-    from modalmotion.store.folder import SequenceRecord
+    from modalmotion.store.folders import SequenceRecord
 
-    Packed = tuple[ModalSignature, SequenceRecord]
+    Packed = tuple[making.ModalSignature, SequenceRecord]
 
 FORM: Final = Form("export", 3)
 
@@ -43,7 +34,7 @@ class _Column(NamedTuple):
     """One dataset of a group: rows of each signature, its unit ("*" for that of lengths)."""
 
     name: str
-    rows: Callable[[ModalSignature, SequenceRecord], Any]
+    rows: Callable[[making.ModalSignature, SequenceRecord], Any]
     unit: str
     axes: str
 
@@ -122,19 +113,18 @@ def export(root: Path, out: Path, *, progress: Reporter | None = None) -> PackRe
     StoreError
         If `out` exists or cannot be written, or another process has the store open.
     """
-    from modalmotion.store import ResultStore
-    from modalmotion.store.recovery import existing_store
+    from modalmotion.store import ResultStore, recovery
 
-    existing_store(root)
+    recovery.existing_store(root)
     if out.exists():
-        raise StoreError(
+        raise errors.StoreError(
             f"'{out.name}' exists already.", remedy="Choose another name, or remove it first."
         )
     failures: list[tuple[str, str]] = []
     with ResultStore(root) as store:
         names = store.all_signatures()
         if not names:
-            raise NotFoundError(
+            raise errors.NotFoundError(
                 f"The store '{store.root.name}' has no signatures to pack.",
                 remedy="Fit signatures first: modalmotion signature, or a cohort into this folder.",
             )
@@ -143,12 +133,12 @@ def export(root: Path, out: Path, *, progress: Reporter | None = None) -> PackRe
             for sequence_id, key in reported(names, progress):
                 try:
                     pair = store.signature(sequence_id, key), store.sequence_record(sequence_id)
-                except (CorruptFileError, NotFoundError) as error:
+                except (errors.CorruptFileError, errors.NotFoundError) as error:
                     failures.append((sequence_id, str(error)))
                 else:
                     yield pair
             if len(failures) == len(names):
-                raise CorruptFileError(
+                raise errors.CorruptFileError(
                     f"None of {len(names)} signatures can be read as written. {failures[0][1]}"
                 )
 
@@ -205,7 +195,7 @@ def _image(signatures: Iterable[Packed]) -> memoryview:
                 group.attrs["parameters_key"] = key
                 group.attrs["topology"] = signature.surface
                 group.attrs["unit"] = unit
-                for one in mode_datasets(signature.modes):
+                for one in hdf5.mode_datasets(signature.modes):
                     made = group.create_dataset(one.name, data=one.values)
                     made.attrs.update({"unit": one.unit, "axes": one.axes})
             waiting.setdefault(kind, []).append((signature, record))
@@ -215,7 +205,7 @@ def _image(signatures: Iterable[Packed]) -> memoryview:
     return image.getbuffer()
 
 
-def _extend(group: Any, column: _Column, values: NDArray[Any]) -> None:
+def _extend(group: Any, column: _Column, values: Array) -> None:
     if column.name in group:
         dataset = group[column.name]
         dataset.resize(len(dataset) + len(values), axis=0)
@@ -250,7 +240,7 @@ SUFFIXES = {
 
 
 def write_superposed(
-    signature: ModalSignature,
+    signature: making.ModalSignature,
     sequence: MeshSequence,
     surface_format: SurfaceFormat = SurfaceFormat.NPZ,
     *,
@@ -289,20 +279,20 @@ def write_superposed(
         are chosen, or phases of a GLB.
     """
     if phases is not None and (times is not None or surface_format == SurfaceFormat.GLB):
-        raise ParameterError(
+        raise errors.ParameterError(
             "Phases were given with times, or for a GLB, which has all frames.",
             remedy="Give one of times and phases, and another format for phases.",
         )
-    moved = signature if times is None else at_times(signature, times)
+    moved = signature if times is None else reconstruction.at_times(signature, times)
     if surface_format == SurfaceFormat.GLB:
         from modalmotion.exports.animation import modal_animation
 
-        return write_glb(modal_animation(moved, sequence, max_targets, template=template))
-    positions = reconstruct(moved, sequence, template=template)
+        return formats.write_glb(modal_animation(moved, sequence, max_targets, template=template))
+    positions = reconstruction.reconstruct(moved, sequence, template=template)
     surfaces = replace(sequence, vertices=positions, times=moved.times, uncertainty=None)
     fields = None
     if phases is not None:
-        resampled = resample(surfaces, phases)
+        resampled = reconstruction.resample(surfaces, phases)
         surfaces, fields = resampled.sequence, {"deviation": resampled.deviations}
     elif times is None:
         fields = {"error": lengths(positions - sequence.vertices)}
@@ -322,7 +312,7 @@ def write_surfaces(
 ) -> bytes:
     """Write surfaces frame by frame: npz, VTKHDF with fields and attributes, or a zip of PLY."""
     if surface_format == SurfaceFormat.PLY:
-        return write_ply_zip(surfaces)
+        return formats.write_ply_zip(surfaces)
     if surface_format == SurfaceFormat.NPZ:
-        return write_npz(surfaces)
-    return write_vtkhdf(surfaces, fields, attributes)
+        return formats.write_npz(surfaces)
+    return formats.write_vtkhdf(surfaces, fields, attributes)

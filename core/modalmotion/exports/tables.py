@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from modalmotion import errors, mesh
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.ventricle import VentricleReadouts
 from modalmotion.clinical.volume_curve import Fraction
-from modalmotion.errors import needs_extra
-from modalmotion.mesh import facts_as_json
-from modalmotion.representation import csv_text, shown
-from modalmotion.signature.making import ModalSignature
-from modalmotion.signature.mode_names import direction_names
+from modalmotion.representation import Array, csv_text, shown
+from modalmotion.signature import making, mode_names
 
 if TYPE_CHECKING:
     import pandas
@@ -38,7 +35,7 @@ class Table:
         Numbers, or texts. A missing number is NaN.
     """
 
-    columns: dict[str, NDArray[Any]]
+    columns: dict[str, Array]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -59,7 +56,7 @@ class Table:
         return csv_text([self.names, *zip(*lists, strict=True)], "\r\n")
 
 
-def amplitude_table(signature: ModalSignature) -> Table:
+def amplitude_table(signature: making.ModalSignature) -> Table:
     """List every amplitude of a signature: a row for each frame, mode and direction.
 
     Parameters
@@ -73,7 +70,7 @@ def amplitude_table(signature: ModalSignature) -> Table:
         (its standard deviation, NaN if unknown), unit.
     """
     frames, modes, n = signature.amplitudes.shape
-    directions = direction_names(signature)
+    directions = mode_names.direction_names(signature)
     times = np.full(frames, np.nan) if signature.times is None else signature.times
     frame, mode, direction = (grid.ravel() for grid in np.indices((frames, modes, n)))
     labels = np.array([str(label) for label in signature.modes.labels])
@@ -93,7 +90,7 @@ def amplitude_table(signature: ModalSignature) -> Table:
 
 
 def frame_table(
-    signature: ModalSignature,
+    signature: making.ModalSignature,
     readouts: ClinicalReadouts | None = None,
     ventricle: VentricleReadouts | None = None,
 ) -> Table:
@@ -109,7 +106,7 @@ def frame_table(
     """
     frames = np.arange(signature.n_frames)
     times = np.full(len(frames), np.nan) if signature.times is None else signature.times
-    columns: dict[str, NDArray[Any]] = {
+    columns: dict[str, Array] = {
         "frame": frames,
         "time_s": times,
         "motion_rms": signature.motion_rms,
@@ -151,7 +148,7 @@ class Recording:
     """
 
     name: str
-    signature: ModalSignature
+    signature: making.ModalSignature
     readouts: ClinicalReadouts | None = None
     subject: str | None = None
     label: str | None = None
@@ -219,7 +216,7 @@ def _recording_row(one: Recording) -> dict[str, Any]:
                 row[f"{curve.fraction.value}{end}_percent"] = value
     rms = np.sqrt(np.mean(np.square(signature.amplitudes), axis=0))
     for label, values in zip(signature.modes.labels, rms, strict=True):
-        for direction, value in zip(direction_names(signature), values, strict=True):
+        for direction, value in zip(mode_names.direction_names(signature), values, strict=True):
             row[f"rms {label} {direction}"] = float(value)
     return row
 
@@ -228,7 +225,7 @@ def _cell(value: Any) -> Any:
     return "" if isinstance(value, float) and value != value else value
 
 
-def to_dataframe(result: ModalSignature | Table) -> pandas.DataFrame:
+def to_dataframe(result: making.ModalSignature | Table) -> pandas.DataFrame:
     """Return a result as a long pandas data frame.
 
     Parameters
@@ -241,7 +238,7 @@ def to_dataframe(result: ModalSignature | Table) -> pandas.DataFrame:
     MissingExtraError
         If pandas is not installed.
     """
-    with needs_extra("tables"):
+    with errors.needs_extra("tables"):
         import pandas
 
     table = result if isinstance(result, Table) else amplitude_table(result)
@@ -249,7 +246,7 @@ def to_dataframe(result: ModalSignature | Table) -> pandas.DataFrame:
 
 
 def to_xarray(
-    signature: ModalSignature, readouts: ClinicalReadouts | None = None
+    signature: making.ModalSignature, readouts: ClinicalReadouts | None = None
 ) -> xarray.Dataset:
     """Return a signature as an xarray dataset with named axes and units.
 
@@ -271,7 +268,7 @@ def to_xarray(
     MissingExtraError
         If xarray is not installed.
     """
-    with needs_extra("tables"):
+    with errors.needs_extra("tables"):
         import xarray
 
     unit, sds = signature.unit or "length units", signature.amplitude_deviations
@@ -293,7 +290,7 @@ def to_xarray(
         "mode": np.arange(len(signature.modes)),
         "label": ("mode", np.array([str(label) for label in signature.modes.labels])),
         "wavenumber": (("mode", "axis"), signature.modes.wavenumbers),
-        "direction": np.array(direction_names(signature)),
+        "direction": np.array(mode_names.direction_names(signature)),
         "axis_name": np.array(["x", "y", "z"]),
     }
     if signature.times is not None:
@@ -305,7 +302,7 @@ def to_xarray(
         "sequence_id": signature.sequence_id,
         "template_id": signature.template_id,
         "rms_error": signature.rms_error,
-        "facts": json.dumps(facts_as_json(signature.facts)),
+        "facts": json.dumps(mesh.facts_as_json(signature.facts)),
         "notes": "\n".join(map(str, signature.notes)),
         "provenance": json.dumps(signature.provenance),
     }

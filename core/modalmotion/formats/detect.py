@@ -1,7 +1,5 @@
 """Recognition of formats by content, not by name."""
 
-from __future__ import annotations
-
 import re
 from enum import StrEnum
 from typing import Final

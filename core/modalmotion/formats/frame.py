@@ -1,7 +1,5 @@
 """One frame of a sequence, its polygons as triangles, and vertices that triangles share."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +9,8 @@ import numpy as np
 
 from modalmotion.errors import ConnectivityError, ShapeError
 from modalmotion.limits import NO_LIMITS, ReadLimits
-from modalmotion.mesh.checks import FloatArray
 from modalmotion.notes import Note
-from modalmotion.representation import Ints
+from modalmotion.representation import FloatArray, Ints
 
 TRACK: Final = "`modalmotion track`"
 """What takes frames that do not correspond, as remedies name it; a service has its own name."""

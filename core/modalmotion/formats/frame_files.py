@@ -4,8 +4,6 @@ Frames come in the natural order of the numbers in their names, or as one .pvd o
 among them lists them with their times.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -23,14 +21,11 @@ from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
-from modalmotion.formats.detect import CONVERT, OF_IMAGES
+from modalmotion.formats import detect, npz, ply, vtk_xml
 from modalmotion.formats.frame import TRACK
 from modalmotion.formats.frames import read_frames
 from modalmotion.formats.named_arrays import XDMF_SUFFIXES, read_xdmf
-from modalmotion.formats.npz import UNREADABLE, member_content
-from modalmotion.formats.ply import write_ply
 from modalmotion.formats.result import Answer, Parser, Reading
-from modalmotion.formats.vtk_xml import xml_tree
 from modalmotion.limits import NO_LIMITS, TEXT_UNFOLDING, ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.notes import Note
@@ -144,7 +139,7 @@ def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Listing:
 
 
 def _pvd(data: bytes, limits: ReadLimits) -> list[tuple[str, str | None]]:
-    root = xml_tree(data, ".pvd", _malformed, 2 * limits.frames + 100)
+    root = vtk_xml.xml_tree(data, ".pvd", _malformed, 2 * limits.frames + 100)
     if root.tag == "VTKFile" and (kind := root.get("type")) != "Collection":
         raise _malformed(f"The .pvd file is of the type {str(kind)[:40]!r}, not 'Collection'.")
     listed = [*root.iter("DataSet")]
@@ -279,9 +274,9 @@ def _no_frames(names: list[str]) -> MalformedFileError:
     seen = ", ".join(f"{n} {end}" for end, n in ends.most_common(4))
     remedy = f"Send files that end in {', '.join(FRAME_SUFFIXES)}."
     if ends.keys() & _MESHES:
-        remedy = CONVERT
+        remedy = detect.CONVERT
     elif ends.keys() & _IMAGE_ENDS:
-        remedy = OF_IMAGES
+        remedy = detect.OF_IMAGES
     elif ends.keys() & _POINTS:
         remedy = f"Clouds and contours are for {TRACK}."
     return MalformedFileError(
@@ -399,7 +394,7 @@ def opened(data: bytes, parser: Parser) -> Iterator[Archive]:
     """Open a zip and check what it declares before anything is read; see `read_zip`."""
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))
-    except UNREADABLE as error:
+    except npz.UNREADABLE as error:
         raise MalformedFileError(
             f"These {len(data)} bytes are not a readable .zip (the file may be cut short).",
             remedy=_REMEDY,
@@ -447,8 +442,8 @@ def _plain_members(archive: zipfile.ZipFile, limits: ReadLimits) -> dict[str, zi
 
 def _content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
     try:
-        return member_content(archive, info).tobytes()
-    except (*UNREADABLE, MalformedFileError) as error:
+        return npz.member_content(archive, info).tobytes()
+    except (*npz.UNREADABLE, MalformedFileError) as error:
         raise MalformedFileError(
             f"The member {info.filename[-60:]!r} of the archive is damaged ({str(error)[:80]}).",
             remedy="Send the file again, or pack it anew.",
@@ -473,7 +468,7 @@ def write_ply_zip(sequence: MeshSequence) -> bytes:
     width = max(4, len(str(sequence.n_frames - 1)))
     names = [f"frame_{i:0{width}d}.ply" for i in range(sequence.n_frames)]
     files = {
-        name: write_ply(positions, sequence.faces, statements)
+        name: ply.write_ply(positions, sequence.faces, statements)
         for name, positions in zip(names, sequence.vertices, strict=True)
     }
     if sequence.times is not None:

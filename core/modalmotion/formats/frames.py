@@ -1,32 +1,20 @@
 """Frames in files of one mesh each, read and joined to one sequence."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
 
-from modalmotion.errors import (
-    ConnectivityError,
-    InputError,
-    MalformedFileError,
-    NonFiniteError,
-    ShapeError,
-)
+from modalmotion import errors, mesh
+from modalmotion.formats import ply, text_meshes, vtk_legacy, vtk_xml
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
 from modalmotion.formats.frame import ONE_MESH, Frame, MergeMap, merge_corners
-from modalmotion.formats.ply import read_ply
 from modalmotion.formats.result import Parser, Reading, reading_of
-from modalmotion.formats.text_meshes import read_obj, read_off, read_stl
-from modalmotion.formats.vtk_legacy import read_vtk_legacy
-from modalmotion.formats.vtk_xml import read_vtk_xml
 from modalmotion.limits import ReadLimits
-from modalmotion.mesh import facts_from_texts
-from modalmotion.mesh.checks import FloatArray
 from modalmotion.notes import Note
 from modalmotion.progress import Reporter, reported
+from modalmotion.representation import FloatArray
 
 
 class FrameStack:
@@ -68,13 +56,13 @@ class FrameStack:
         """
         first = self._first
         if kind is not self._format:
-            raise ShapeError(
+            raise errors.ShapeError(
                 f"It is {kind.upper()}, frame 0 is {self._format.upper()}.",
                 remedy="Send all frames in one format.",
             )
         space, expected = (one.stated("coordinate_system") for one in (frame, first))
         if space != expected:
-            raise ShapeError(
+            raise errors.ShapeError(
                 f"Its coordinate system is {space}, that of frame 0 {expected}.",
                 remedy="Save all frames in one coordinate system.",
             )
@@ -82,7 +70,7 @@ class FrameStack:
         if self._merge is not None:
             positions = self._merge.apply(positions, number)
         elif len(positions) != self._vertices.shape[1]:
-            raise ShapeError(
+            raise errors.ShapeError(
                 f"It has {len(positions)} vertices, frame 0 has {self._vertices.shape[1]}.",
                 remedy=ONE_MESH,
             )
@@ -116,7 +104,7 @@ class FrameStack:
             topology=first.stated("topology"),
             times=None if times is None else list(times),
             unit=first.stated("unit"),
-            facts=facts_from_texts({"coordinates": first.stated("coordinate_system")}),
+            facts=mesh.facts_from_texts({"coordinates": first.stated("coordinate_system")}),
             notes=notes,
             ignored=first.ignored,
             coordinate_system=first.stated("coordinate_system"),
@@ -126,7 +114,7 @@ class FrameStack:
     def _finite(frame: Frame, number: int) -> FloatArray:
         bad = np.flatnonzero(~np.isfinite(frame.positions).all(axis=1))
         if bad.size:
-            raise NonFiniteError(
+            raise errors.NonFiniteError(
                 f"Vertex {bad[0]} is not finite ({bad.size} such vertices).",
                 remedy="Repair or leave out the frame; missing points are not guessed.",
                 frame=number,
@@ -141,29 +129,29 @@ def _grid(stated: str | None) -> list[int] | None:
     try:
         return [int(n) for n in stated.split()]
     except ValueError:
-        raise MalformedFileError(
+        raise errors.MalformedFileError(
             f"The frames state the grid as {stated[:40]!r}.",
             remedy="Remove the comment that states it, or write whole numbers.",
         ) from None
 
 
-def _other_faces(frame: Frame, first: Frame) -> ConnectivityError:
+def _other_faces(frame: Frame, first: Frame) -> errors.ConnectivityError:
     own, theirs = frame.faces, first.faces
     what = f"It has {len(own)} faces, frame 0 has {len(theirs)}."
     if len(own) == len(theirs):
         face = int(np.flatnonzero((own != theirs).any(axis=1))[0])
         what = f"Face {face} is {own[face].tolist()}, in frame 0 {theirs[face].tolist()}."
-    return ConnectivityError(what, remedy=ONE_MESH)
+    return errors.ConnectivityError(what, remedy=ONE_MESH)
 
 
 _READERS: Final = {
-    Format.STL: read_stl,
-    Format.PLY: read_ply,
-    Format.OBJ: read_obj,
-    Format.OFF: read_off,
-    Format.VTK: read_vtk_legacy,
-    Format.VTP: read_vtk_xml,
-    Format.VTU: read_vtk_xml,
+    Format.STL: text_meshes.read_stl,
+    Format.PLY: ply.read_ply,
+    Format.OBJ: text_meshes.read_obj,
+    Format.OFF: text_meshes.read_off,
+    Format.VTK: vtk_legacy.read_vtk_legacy,
+    Format.VTP: vtk_xml.read_vtk_xml,
+    Format.VTU: vtk_xml.read_vtk_xml,
 }
 
 
@@ -192,7 +180,7 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
     if kind is None:
         raise unknown_format(data)
     if kind not in MESH_FORMATS:
-        raise MalformedFileError(
+        raise errors.MalformedFileError(
             f"The file is {kind.upper()}, which contains a whole sequence or none.",
             remedy="Send such a file by itself, not as a frame.",
         )
@@ -234,7 +222,7 @@ def read_frames(
             else:
                 stack.add(number, frame, kind)
     if stack is None:
-        raise MalformedFileError("There are no frames.", remedy="Send one file or more.")
+        raise errors.MalformedFileError("There are no frames.", remedy="Send one file or more.")
     return stack.result(times)
 
 
@@ -242,7 +230,7 @@ def read_frames(
 def _named(number: int, name: str) -> Iterator[None]:
     try:
         yield
-    except InputError as error:
+    except errors.InputError as error:
         error.message = (
             f"Frame {number} ({name[-60:]!r}): {error.message.removeprefix(f'Frame {number}: ')}"
         )

@@ -4,15 +4,12 @@ Positions are evaluated at the keyframes of what moves the mesh. What a file nam
 is used: a few bytes may name the same part again and again.
 """
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, MalformedFileError, ParameterError
 from modalmotion.formats.glb_writing import BINARY, JSON, MAGIC, OURS, VERSION
@@ -20,7 +17,7 @@ from modalmotion.formats.result import Reading, reading_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import NO_FACTS, Facts
 from modalmotion.notes import Note
-from modalmotion.representation import Floats, Ints
+from modalmotion.representation import Array, Floats, Ints
 
 _TRIANGLES: Final = 4
 _STRIPS_AND_FANS: Final = (5, 6)
@@ -152,7 +149,7 @@ class File:
 
     def array(
         self, index: object, n_components: int, limit: str | None = None, items_each: int = 1
-    ) -> NDArray[Any]:
+    ) -> Array:
         """Read an accessor.
 
         Parameters
@@ -189,7 +186,7 @@ class File:
                 f"{str(accessor.get('componentType'))[:20]}, not {n_components} numbers each."
             )
         dtype, shape = np.dtype(code), (count, n_components)
-        values: NDArray[Any] = np.zeros(shape, dtype)
+        values: Array = np.zeros(shape, dtype)
         if "bufferView" in accessor:
             values = self._items(accessor, shape, dtype)
         if "sparse" in accessor:
@@ -207,9 +204,7 @@ class File:
             return np.maximum(values / np.iinfo(dtype).max, -1.0)
         return values
 
-    def _items(
-        self, place: dict[str, Any], shape: tuple[int, int], dtype: np.dtype[Any]
-    ) -> NDArray[Any]:
+    def _items(self, place: dict[str, Any], shape: tuple[int, int], dtype: np.dtype[Any]) -> Array:
         """Items from a place in a view, (count, components), that lie in the file."""
         view = self.item("bufferViews", index := place.get("bufferView"))
         uri = self.item("buffers", view.get("buffer")).get("uri", "")
@@ -489,7 +484,7 @@ def _placed(mesh: _Mesh, weights: Floats, M: Floats) -> Floats:
     return placed + M[:, None, :3, 3]
 
 
-def _notes(positions: NDArray[Any], n_targets: int, channels: Channels) -> list[Note]:
+def _notes(positions: Array, n_targets: int, channels: Channels) -> list[Note]:
     notes = []
     if not channels:
         notes.append(Note.of("no_animation"))

@@ -1,20 +1,17 @@
 """GLB out: a mesh with morph targets, its weights, rotation and translation animated (glTF 2.0)."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import Topology
-from modalmotion.representation import Floats, Ints, shown
+from modalmotion.modes.topologies import Topology
+from modalmotion.representation import Array, Floats, Ints, Singles, shown
 
 OURS: Final = "modalmotion"
 """Name under which our own files hold unit and times in the extras of the asset."""
@@ -61,7 +58,7 @@ class MorphAnimation:
     """
 
     base: Floats
-    targets: Floats | NDArray[np.float32]
+    targets: Floats | Singles
     target_names: tuple[str, ...]
     weights: Floats
     rotations: Floats
@@ -254,11 +251,11 @@ class _Buffer:
         self.content = bytearray()
 
     def add(
-        self, values: NDArray[Any], kind: str, target: int | None = None, *, bounds: bool = False
+        self, values: Array, kind: str, target: int | None = None, *, bounds: bool = False
     ) -> int:
         """Append an array and return its accessor."""
         is_index = values.dtype.kind == "u"
-        plain: NDArray[Any] = values if is_index else single_precision(values, "A number")
+        plain: Array = values if is_index else single_precision(values, "A number")
         array = np.ascontiguousarray(plain, dtype="<u4" if is_index else "<f4")
         rows = array.reshape(len(array), -1)
         # All types are of four bytes, so every array begins at a whole number of them.

@@ -1,7 +1,5 @@
 """Sequences in arrays of other programs: named ones of npz, MATLAB and HDF5, XDMF, raw numbers."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, partial
@@ -10,25 +8,16 @@ from typing import Any, Final
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.errors import (
-    InputError,
-    MalformedFileError,
-    NonFiniteError,
-    ParameterError,
-    ShapeError,
-)
-from modalmotion.formats.detect import Format
+from modalmotion import errors
+from modalmotion.formats import detect, frames, vtk_xml
 from modalmotion.formats.frame import Frame
-from modalmotion.formats.frames import FrameStack
 from modalmotion.formats.result import Parsed, Parser, Reading
-from modalmotion.formats.vtk_xml import xml_tree
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.notes import Note, notes_as_json
-from modalmotion.representation import Ints
+from modalmotion.representation import Array, Ints
 
 _NAMES: Final = {
     "vertices": ("vertices", "points", "verts", "positions", "nodes", "v", "p"),
@@ -42,7 +31,7 @@ _MOST_WHOLE: Final = 2.0**53
 _BYTES: Final = 8
 
 _malformed: Final = partial(
-    MalformedFileError,
+    errors.MalformedFileError,
     remedy="Save vertices (n, 3, frames) and faces (m, 3) under these names, from MATLAB by "
     "save('beat.mat', 'vertices', 'faces'); or send VTKHDF or npz.",
 )
@@ -85,7 +74,7 @@ def parse_matlab(data: bytes, limits: ReadLimits) -> Parsed:
         wanted = [*aliases.values()]
         limits.require("decompressed_bytes", sum(_BYTES * prod(shapes[name]) for name in wanted))
         arrays = loadmat(io.BytesIO(data), variable_names=wanted)
-    except (MalformedFileError, MemoryError):
+    except (errors.MalformedFileError, MemoryError):
         raise
     except Exception as error:
         # SciPy's reader raises what NumPy, zlib and struct do.
@@ -117,7 +106,7 @@ def _required(names: Iterable[str], what: str, listed: list[str] | None = None) 
 
 
 def _parsed(
-    own: dict[str, NDArray[Any]],
+    own: dict[str, Array],
     aliases: Mapping[str, str],
     names: Iterable[str],
     kind: str,
@@ -144,7 +133,7 @@ def _parsed(
     return info, arrays
 
 
-def positions_in(array: NDArray[Any], *, is_matlab: bool) -> NDArray[Any]:
+def positions_in(array: Array, *, is_matlab: bool) -> Array:
     """Order axes as (frames, vertices, 3).
 
     Parameters
@@ -166,13 +155,13 @@ def positions_in(array: NDArray[Any], *, is_matlab: bool) -> NDArray[Any]:
         return array.transpose(2, 0, 1)
     if array.ndim == 3 and last:
         return array
-    raise ShapeError(
+    raise errors.ShapeError(
         f"The vertices have the shape {shape}.",
         remedy="Give (frames, vertices, 3), or in MATLAB (vertices, 3, frames).",
     )
 
 
-def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[Ints, tuple[Note, ...]]:
+def faces_in(array: Array, n_vertices: int) -> tuple[Ints, tuple[Note, ...]]:
     """Give triangles as rows that count vertices from 0, with a note where they counted from 1.
 
     Raises
@@ -184,7 +173,7 @@ def faces_in(array: NDArray[Any], n_vertices: int) -> tuple[Ints, tuple[Note, ..
     fits = whole.ndim == 2 and _DIRECTIONS in whole.shape
     # Beyond them, as of infinity, there are no whole numbers.
     if not fits or not ((np.abs(whole) < _MOST_WHOLE) & (whole == np.rint(whole))).all():
-        raise ShapeError(
+        raise errors.ShapeError(
             f"The faces have the shape {whole.shape} of {whole.dtype}.",
             remedy="Give triangles as (faces, 3) whole numbers.",
         )
@@ -232,7 +221,7 @@ def read_raw(
     if n_vertices is None and grid is not None:
         n_vertices = prod(grid)
     if n_vertices is None or n_vertices < 1:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"Raw numbers state no shape, and the number of vertices is {n_vertices}.",
             remedy="State the number of vertices per frame, or the grid.",
         )
@@ -241,7 +230,7 @@ def read_raw(
     frame_bytes = n_vertices * 3 * kind.itemsize
     n_frames, rest = divmod(len(data), frame_bytes)
     if rest or not n_frames:
-        raise MalformedFileError(
+        raise errors.MalformedFileError(
             f"{len(data)} bytes are not a whole number of frames of {n_vertices} vertices as "
             f"{dtype} ({frame_bytes} bytes each).",
             remedy="Check the number of vertices and the type; the file may be cut short.",
@@ -251,7 +240,7 @@ def read_raw(
     vertices = np.frombuffer(data, kind).reshape(n_frames, n_vertices, 3)
     try:
         sequence = mesh_sequence(vertices, grid=grid)
-    except NonFiniteError as error:
+    except errors.NonFiniteError as error:
         # The first sign of numbers of another type or byte order.
         error.remedy = (
             f"Check that the numbers are little-endian {dtype}, and repair or leave out the "
@@ -277,7 +266,7 @@ def write_raw(sequence: MeshSequence, dtype: str = "float32") -> bytes:
 
 def _require_type(dtype: str) -> None:
     if dtype not in RAW_TYPES:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The type {dtype[:20]!r} is not understood.",
             remedy="Use little-endian float32 or float64.",
         )
@@ -290,7 +279,7 @@ _DISPLACEMENT: Final = ("displacement", "displacements", "u", "disp")
 _MOST_ELEMENTS: Final = 200_000
 
 _bad_xdmf: Final = partial(
-    MalformedFileError,
+    errors.MalformedFileError,
     remedy="Save triangles over time from ParaView (Xdmf3), or VTKHDF; see docs/formats.",
 )
 
@@ -314,21 +303,21 @@ def read_xdmf(data: bytes, beside: Callable[[str], bytes], parser: Parser) -> Re
     InputError
         If the frames do not form a sequence.
     """
-    domain = xml_tree(data, "XDMF", _bad_xdmf, _MOST_ELEMENTS, has_type=True)
+    domain = vtk_xml.xml_tree(data, "XDMF", _bad_xdmf, _MOST_ELEMENTS, has_type=True)
     grids = [g for g in domain.iter("Grid") if g.get("GridType", "Uniform") == "Uniform"]
     if not grids:
         raise _bad_xdmf("The XDMF file contains no grid.")
     steps = [grid for grid in grids if grid.find("Time") is not None] or grids
     parser.limits.require("frames", len(steps))
     numbers = _numbers_of(beside, parser)
-    stack: FrameStack | None = None
+    stack: frames.FrameStack | None = None
     times = []
     for number, grid in enumerate(steps):
         time = grid.find("Time")
         try:
             frame = _frame(grid, domain, numbers)
             times += [] if time is None else [float(time.get("Value", "nan"))]
-        except InputError:
+        except errors.InputError:
             raise
         except (TypeError, ValueError) as error:
             raise _bad_xdmf(
@@ -337,14 +326,14 @@ def read_xdmf(data: bytes, beside: Callable[[str], bytes], parser: Parser) -> Re
                 frame=number,
             ) from error
         if stack is None:
-            stack = FrameStack(frame, Format.XDMF, len(steps), parser.limits)
+            stack = frames.FrameStack(frame, detect.Format.XDMF, len(steps), parser.limits)
         else:
-            stack.add(number, frame, Format.XDMF)
+            stack.add(number, frame, detect.Format.XDMF)
     assert stack is not None  # noqa: S101 (there is a grid)
     return stack.result(tuple(times) if len(times) == len(steps) else None)
 
 
-def _frame(grid: Element, domain: Element, numbers: Callable[[Element], NDArray[Any]]) -> Frame:
+def _frame(grid: Element, domain: Element, numbers: Callable[[Element], Array]) -> Frame:
     # A grid that repeats another's mesh (xi:include) has none of its own.
     topology, geometry = (
         next(domain.iter(tag), None) if (own := grid.find(tag)) is None else own
@@ -363,7 +352,7 @@ def _frame(grid: Element, domain: Element, numbers: Callable[[Element], NDArray[
     for one in moved:
         u = numbers(one).reshape(-1, 3)
         if u.shape != positions.shape:
-            raise ShapeError(
+            raise errors.ShapeError(
                 f"There are {len(u)} displacements of {len(positions)} vertices.",
                 remedy="Save a displacement for each vertex.",
             )
@@ -375,16 +364,14 @@ def _frame(grid: Element, domain: Element, numbers: Callable[[Element], NDArray[
     return Frame(positions, faces, notes=notes, ignored=ignored)
 
 
-def _numbers_of(
-    beside: Callable[[str], bytes], parser: Parser
-) -> Callable[[Element], NDArray[Any]]:
+def _numbers_of(beside: Callable[[str], bytes], parser: Parser) -> Callable[[Element], Array]:
     """Give the reader of an element's numbers, which reads each file once."""
 
     @cache
-    def datasets(name: str) -> dict[str, NDArray[Any]]:
+    def datasets(name: str) -> dict[str, Array]:
         return parser.parse("datasets", beside(name)).arrays
 
-    def numbers(element: Element) -> NDArray[Any]:
+    def numbers(element: Element) -> Array:
         item = element.find("DataItem")
         if item is None:
             raise _bad_xdmf(f"An element {element.tag!r} of the XDMF file has no numbers.")

@@ -7,8 +7,6 @@ Arrays: ``vertices`` (frames, vertices, 3); optional ``faces`` (faces, 3), ``gri
 unpickled.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import lzma
@@ -23,16 +21,13 @@ from typing import Any, Final, cast
 
 import numpy as np
 from numpy.lib import format as npy
-from numpy.typing import NDArray
 
-from modalmotion.errors import MalformedFileError, ShapeError
-from modalmotion.formats.frame import TRACK
-from modalmotion.formats.named_arrays import aliases_in, note_on, positions_in
-from modalmotion.formats.result import Reading, reading_of
+from modalmotion import errors, mesh
+from modalmotion.formats import frame, named_arrays, result
 from modalmotion.limits import NO_LIMITS, ReadLimits
-from modalmotion.mesh import NAMES, Facts, facts_as_json, facts_from_texts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.unpacking import PIECE, filled
+from modalmotion.representation import Array, Bytes
 
 UNREADABLE: Final = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError),
@@ -41,7 +36,7 @@ UNREADABLE: Final = (
 """Errors that zipfile and zlib raise on malformed bytes."""
 
 
-def member_content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[np.uint8]:
+def member_content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Bytes:
     """Read a member of the size that it declares; may raise `UNREADABLE`.
 
     Raises
@@ -55,17 +50,17 @@ def member_content(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[n
 
 
 _ARRAYS: Final = ("vertices", "faces", "grid", "topology", "times", "times_ms", "unit")
-_KNOWN: Final = (*_ARRAYS, *NAMES)
+_KNOWN: Final = (*_ARRAYS, *mesh.NAMES)
 # Which axis of which array is limited.
 _LIMITS: Final = (("vertices", 0, "frames"), ("vertices", 1, "vertices"), ("faces", 0, "faces"))
-_TEXTS: Final = ("topology", "unit", *(name for name in NAMES if name != "period"))
+_TEXTS: Final = ("topology", "unit", *(name for name in mesh.NAMES if name != "period"))
 
 _malformed: Final = partial(
-    MalformedFileError, remedy="Write the file with numpy.savez, with at least 'vertices'."
+    errors.MalformedFileError, remedy="Write the file with numpy.savez, with at least 'vertices'."
 )
 
 
-def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
+def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> result.Reading:
     """Read a mesh sequence from the bytes of an .npz archive.
 
     Declared sizes are checked before any array is read.
@@ -87,25 +82,25 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
     limits, aliases = limits.of_file(len(data)), dict[str, str]()
     try:
         arrays, names = read_arrays(data, _KNOWN, ("vertices",), limits)
-    except MalformedFileError as error:
+    except errors.MalformedFileError as error:
         listed = cast("list[str]", error.details.get("arrays", []))
-        aliases = aliases_in(listed) or aliases
+        aliases = named_arrays.aliases_in(listed) or aliases
         if not aliases:
             if "points" in listed:
-                error.remedy = f"Clouds of points are for {TRACK}."
+                error.remedy = f"Clouds of points are for {frame.TRACK}."
             raise
         arrays, names = read_arrays(data, (*_KNOWN, *aliases.values()), aliases.values(), limits)
         arrays |= {ours: arrays.pop(theirs) for ours, theirs in aliases.items()}
-        arrays["vertices"] = positions_in(arrays["vertices"], is_matlab=False)
+        arrays["vertices"] = named_arrays.positions_in(arrays["vertices"], is_matlab=False)
     if "times" in arrays and "times_ms" in arrays:
-        raise ShapeError(
+        raise errors.ShapeError(
             "The archive contains both 'times' and 'times_ms'.", remedy="Keep one of them."
         )
     times = arrays.get("times")
     if "times_ms" in arrays:
         milliseconds = arrays["times_ms"]
         times = milliseconds / 1e3 if milliseconds.dtype.kind in "fiu" else milliseconds
-    return reading_of(
+    return result.reading_of(
         arrays["vertices"],
         arrays.get("faces"),
         format="npz",
@@ -114,14 +109,14 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> Reading:
         times=times,
         unit=text_in(arrays, "unit"),
         facts=_facts(arrays),
-        notes=note_on(aliases),
+        notes=named_arrays.note_on(aliases),
         ignored=tuple(name for name in names if name not in (*_KNOWN, *aliases.values())),
     )
 
 
 def read_arrays(
     data: bytes, known: Iterable[str], needed: Iterable[str], limits: ReadLimits = NO_LIMITS
-) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Read arrays of an .npz archive, their sizes checked before any of them is read.
 
     Parameters
@@ -197,7 +192,7 @@ def npz_arrays(sequence: MeshSequence) -> dict[str, Any]:
         arrays["times"] = sequence.times
     if sequence.unit is not None:
         arrays["unit"] = np.array(sequence.unit)
-    stated = facts_as_json(sequence.facts)
+    stated = mesh.facts_as_json(sequence.facts)
     for name in sequence.facts.stated:
         value = stated[name]
         arrays[name] = np.array(json.dumps(value) if isinstance(value, dict) else value)
@@ -208,7 +203,7 @@ def npz_arrays(sequence: MeshSequence) -> dict[str, Any]:
 _LONGEST_HEADER: Final = 10_012
 
 
-def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Array:
     name = info.filename.removesuffix(".npy")
     try:
         with archive.open(info) as packed:
@@ -222,7 +217,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
         # NumPy reads the header as Python writes it, and raises what Python does.
         raise _malformed(f"The array {name[:40]!r} cannot be read: {_reason(error)}.") from error
     if dtype.kind not in ("fiuU" if name in _TEXTS else "fiu"):
-        raise (MalformedFileError if dtype.hasobject else ShapeError)(
+        raise (errors.MalformedFileError if dtype.hasobject else errors.ShapeError)(
             f"The array {name[:40]!r} contains {dtype.str[:20]}, which is not understood there; "
             "pickled objects are never loaded.",
             remedy="Store plain numbers (float32, float64, int32, int64), and text only for "
@@ -238,11 +233,11 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
         data = member_content(archive, info)
     except UNREADABLE as error:
         raise _malformed(f"The array {name[:40]!r} is damaged: {_reason(error)}.") from error
-    array: NDArray[Any] = np.frombuffer(data, dtype, offset=stream.tell())
+    array: Array = np.frombuffer(data, dtype, offset=stream.tell())
     return array.reshape(shape, order="F" if is_fortran else "C")
 
 
-def text_in(arrays: dict[str, NDArray[Any]], name: str) -> str | None:
+def text_in(arrays: dict[str, Array], name: str) -> str | None:
     """Read an array that is one text; None if it is empty or not there.
 
     Raises
@@ -254,23 +249,23 @@ def text_in(arrays: dict[str, NDArray[Any]], name: str) -> str | None:
         return None
     array = arrays[name]
     if array.dtype.kind != "U" or array.size != 1:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"The array {name!r} has the shape {array.shape} of {array.dtype}, not one text.",
             remedy=f"Store it as numpy.array('...'), or leave {name!r} out.",
         )
     return str(array.reshape(())[()]) or None
 
 
-def _facts(arrays: dict[str, NDArray[Any]]) -> Facts:
-    texts: dict[str, Any] = {name: text_in(arrays, name) for name in NAMES if name != "period"}
+def _facts(arrays: dict[str, Array]) -> mesh.Facts:
+    texts: dict[str, Any] = {name: text_in(arrays, name) for name in mesh.NAMES if name != "period"}
     if "period" in arrays:
         if arrays["period"].size != 1:
-            raise ShapeError(
+            raise errors.ShapeError(
                 f"The array 'period' has the shape {arrays['period'].shape}, not one number.",
                 remedy="Store it as numpy.array(0.8), in s, or leave 'period' out.",
             )
         texts["period"] = arrays["period"].item()
-    return facts_from_texts(texts)
+    return mesh.facts_from_texts(texts)
 
 
 def _reason(error: Exception) -> str:

@@ -6,8 +6,6 @@ opens no connection and signals nobody. No right is needed for it, and nothing g
 (Linux 5.13; connections from 6.7, signals from 6.12).
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import json
@@ -22,11 +20,11 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, LimitError
 from modalmotion.formats.result import Answer, Parsed
 from modalmotion.limits import ReadLimits
+from modalmotion.representation import Array
 
 # Each imports a library that damaged files can crash, and that is slow to import.
 _TASKS: Final = {
@@ -220,7 +218,7 @@ def _answer(
     sink: IO[bytes],
     error: dict[str, Any] | None,
     info: dict[str, Any],
-    arrays: dict[str, NDArray[Any]],
+    arrays: dict[str, Array],
 ) -> None:
     # Axes in the order in which they are in memory: a copy of the samples would double it.
     axes = {name: np.argsort(array.strides)[::-1].tolist() for name, array in arrays.items()}

@@ -6,8 +6,6 @@ packages, and has nothing but the bytes that it is sent. Files of another sender
 one that takes over its parser then reaches no file but those after it of the same sender.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import json
@@ -26,14 +24,13 @@ import numpy as np
 
 from modalmotion import errors
 from modalmotion.errors import InputError, LimitError, MalformedFileError, StoreError
-from modalmotion.formats.parser_child import UNCONFINED
-from modalmotion.formats.result import Answer
+from modalmotion.formats import parser_child, result
 from modalmotion.limits import ReadLimits
 
 _LONGEST_HEADER: Final = 1 << 24
 
 # Ends of a parser that no file is to blame for: the system wants its memory, or an operator.
-_FROM_OUTSIDE: Final = (-signal.SIGKILL, UNCONFINED)
+_FROM_OUTSIDE: Final = (-signal.SIGKILL, parser_child.UNCONFINED)
 # Between the end of a pipe and that of its process.
 _ENDING_SECONDS: Final = 5.0
 
@@ -72,7 +69,7 @@ class ParserProcess:
             self._child.communicate()
             self._child = None
 
-    def parse(self, task: str, data: bytes) -> Answer:
+    def parse(self, task: str, data: bytes) -> result.Answer:
         """Parse a file in the child.
 
         Parameters
@@ -168,7 +165,7 @@ def _send(stream: IO[bytes], task: str, data: bytes, limits: ReadLimits, seconds
     stream.flush()
 
 
-def _receive(stream: Any, limits: ReadLimits) -> Answer | InputError:
+def _receive(stream: Any, limits: ReadLimits) -> result.Answer | InputError:
     """Receive what a parser answers: arrays, or what is wrong with the file.
 
     Raises
@@ -195,7 +192,7 @@ def _receive(stream: Any, limits: ReadLimits) -> Answer | InputError:
         # Nobody copies what cannot change.
         array.setflags(write=False)
         arrays[name] = array.transpose(np.argsort(axes))
-    return Answer(info, arrays) if header["error"] is None else _rebuilt(header["error"])
+    return result.Answer(info, arrays) if header["error"] is None else _rebuilt(header["error"])
 
 
 def _start() -> subprocess.Popen[bytes]:

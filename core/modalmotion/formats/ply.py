@@ -5,8 +5,6 @@ The reader uses "x", "y", "z" of the element "vertex" and the list "vertex_indic
 Text is read as binary numbers of eight bytes: the two forms differ in nothing else.
 """
 
-from __future__ import annotations
-
 import struct
 from array import array
 from collections.abc import Mapping
@@ -15,14 +13,12 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.formats.text_meshes import lines_of
 from modalmotion.limits import NO_LIMITS, ReadLimits
-from modalmotion.mesh.checks import FloatArray
-from modalmotion.representation import Floats, Ints
+from modalmotion.representation import Array, FloatArray, Floats, Ints
 
 _malformed: Final = partial(
     MalformedFileError,
@@ -73,8 +69,8 @@ class _Header(NamedTuple):
 class _Rows(NamedTuple):
     """Numbers by property, sizes and items of lists, and bytes of each row."""
 
-    columns: dict[str, NDArray[Any]]
-    lists: dict[str, tuple[NDArray[Any], NDArray[Any]]]
+    columns: dict[str, Array]
+    lists: dict[str, tuple[Array, Array]]
     widths: Ints
 
 
@@ -152,7 +148,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     )
 
 
-def _numbers_in(text: memoryview) -> tuple[memoryview, array[int]]:
+def _numbers_in(text: memoryview) -> "tuple[memoryview, array[int]]":
     """Read all words as numbers, with the bytes of each line that has any."""
     numbers, widths = array("d"), array("q")
     for line in lines_of(text):
@@ -165,7 +161,7 @@ def _numbers_in(text: memoryview) -> tuple[memoryview, array[int]]:
     return memoryview(numbers.tobytes()), widths
 
 
-def _whole(of: tuple[NDArray[Any], NDArray[Any]]) -> tuple[Ints, Ints]:
+def _whole(of: tuple[Array, Array]) -> tuple[Ints, Ints]:
     with np.errstate(invalid="ignore"):
         sizes, items = (values.astype(np.int64) for values in of)
     if (items != of[1]).any():

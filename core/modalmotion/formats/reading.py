@@ -1,20 +1,11 @@
 """Reading a sequence from a file of any known format."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
-from modalmotion.errors import InputError, MalformedFileError
-from modalmotion.formats.detect import Format, detect_format, unknown_format
-from modalmotion.formats.frame_files import LISTS, is_pattern, read_folder, read_zip
-from modalmotion.formats.frames import FrameStack, read_mesh
-from modalmotion.formats.glb import read_glb
-from modalmotion.formats.named_arrays import read_raw, read_xdmf
-from modalmotion.formats.npz import read_npz
+from modalmotion import errors, mesh, notes
+from modalmotion.formats import detect, frame_files, frames, glb, named_arrays, npz
 from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Answer, Parser, Reading, ReadOptions, reading_of
-from modalmotion.mesh import facts_from_json
-from modalmotion.notes import notes_from_json
 from modalmotion.progress import Reporter
 
 
@@ -28,8 +19,8 @@ def _result(answer: Answer) -> Reading:
         topology=info.get("topology"),
         times=arrays.get("times"),
         unit=info.get("unit"),
-        facts=facts_from_json(info.get("facts", {})),
-        notes=notes_from_json(info["notes"]),
+        facts=mesh.facts_from_json(info.get("facts", {})),
+        notes=notes.notes_from_json(info["notes"]),
         ignored=tuple(info["ignored"]),
     )
 
@@ -76,13 +67,13 @@ def _read(
 ) -> Reading:
     if isinstance(source, bytes):
         return _read_bytes(source, options, parser, progress)
-    is_list = source.suffix.lower() in LISTS and source.is_file()
-    if is_list or source.is_dir() or (is_pattern(source) and not source.exists()):
-        return read_folder(source, parser, progress)
+    is_list = source.suffix.lower() in frame_files.LISTS and source.is_file()
+    if is_list or source.is_dir() or (frame_files.is_pattern(source) and not source.exists()):
+        return frame_files.read_folder(source, parser, progress)
     try:
         data = source.read_bytes()
     except OSError as error:
-        raise MalformedFileError(
+        raise errors.MalformedFileError(
             f"'{source.name}' cannot be read: {error.strerror}.",
             remedy="Name a file, a folder of frames, or a pattern such as 'scan_*.ply'.",
         ) from error
@@ -90,7 +81,7 @@ def _read(
 
 
 def _nothing_beside(name: str) -> bytes:
-    raise MalformedFileError(
+    raise errors.MalformedFileError(
         f"The XDMF file has its numbers in {name[-60:]!r}.",
         remedy="Pack both as .zip, or name the .xdmf in its folder.",
     )
@@ -100,28 +91,28 @@ def _read_bytes(
     data: bytes, options: ReadOptions, parser: Parser, progress: Reporter | None
 ) -> Reading:
     limits = parser.limits
-    kind = options.format or detect_format(data)
+    kind = options.format or detect.detect_format(data)
     if kind is None and options.n_vertices is not None:
         # Only raw numbers need the number of vertices.
-        kind = Format.RAW
+        kind = detect.Format.RAW
     if kind is None or not data:
-        raise unknown_format(data)
-    if kind is Format.RAW:
-        return read_raw(
+        raise detect.unknown_format(data)
+    if kind is detect.Format.RAW:
+        return named_arrays.read_raw(
             data, options.n_vertices, grid=options.grid, dtype=options.dtype, limits=limits
         )
     try:
-        if kind is Format.NPZ:
-            return read_npz(data, limits)
-        if kind is Format.ZIP:
-            return read_zip(data, parser, progress)
-        if kind in (Format.HDF5, Format.MAT):
+        if kind is detect.Format.NPZ:
+            return npz.read_npz(data, limits)
+        if kind is detect.Format.ZIP:
+            return frame_files.read_zip(data, parser, progress)
+        if kind in (detect.Format.HDF5, detect.Format.MAT):
             return _result(parser.parse(kind.value, data))
-        if kind is Format.XDMF:
-            return read_xdmf(data, _nothing_beside, parser)
-        if kind is Format.GLB:
-            return read_glb(data, limits, animation=options.animation)
-        return FrameStack(*read_mesh(data, kind, parser), 1, limits).result(None)
-    except InputError as error:
+        if kind is detect.Format.XDMF:
+            return named_arrays.read_xdmf(data, _nothing_beside, parser)
+        if kind is detect.Format.GLB:
+            return glb.read_glb(data, limits, animation=options.animation)
+        return frames.FrameStack(*frames.read_mesh(data, kind, parser), 1, limits).result(None)
+    except errors.InputError as error:
         error.details.setdefault("format", kind.value)
         raise

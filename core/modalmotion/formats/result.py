@@ -1,23 +1,19 @@
 """What a caller states beside a file, what is read from it, and the protocol of parsers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
+from modalmotion import errors, mesh
 from modalmotion.formats.detect import Format
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
-from modalmotion.mesh import NO_FACTS, Facts
-from modalmotion.mesh.checks import FloatArray, given_up, require_times
+from modalmotion.mesh import checks
 from modalmotion.mesh.sequence import MeshSequence, in_time_order, mesh_sequence
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topologies import Topology
 from modalmotion.notes import Note
-from modalmotion.representation import Ints, shown
+from modalmotion.representation import Array, FloatArray, Ints, shown
 
 Source = Literal["file", "format", "caller"]
 """Origin of a fact: this file, the definition of its format, or the caller."""
@@ -62,7 +58,7 @@ def reading_of(
     topology: str | None = None,
     times: Any = None,
     unit: str | None = None,
-    facts: Facts = NO_FACTS,
+    facts: mesh.Facts = mesh.NO_FACTS,
     unit_from: Source = "file",
     notes: Iterable[Note] = (),
     ignored: Iterable[str] = (),
@@ -94,7 +90,7 @@ def reading_of(
     if times is not None and vertices.ndim == 3:
         vertices, times, added = in_time_order(vertices, times)
     sequence = mesh_sequence(
-        given_up(vertices),
+        checks.given_up(vertices),
         faces,
         grid=grid,
         topology=topology,
@@ -152,16 +148,16 @@ class ReadOptions:
     n_vertices: int | None = None
     dtype: str = "float32"
     animation: str | None = None
-    facts: Facts = NO_FACTS
+    facts: mesh.Facts = mesh.NO_FACTS
 
     def __post_init__(self) -> None:
         if self.times is not None and self.frame_interval is not None:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "Both times and an interval between frames are stated.", remedy="Keep one."
             )
         interval = self.frame_interval
         if interval is not None and not (np.isfinite(interval) and interval > 0):
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The interval between frames is {interval} s.",
                 remedy="Use a finite time above zero.",
             )
@@ -190,7 +186,7 @@ class ReadOptions:
             if vertices is not sequence.vertices:
                 # What is known of the frames' errors is in their old order.
                 sequence = replace(sequence, vertices=vertices, times=None, uncertainty=None)
-            sequence = replace(sequence, times=require_times(times, len(vertices)))
+            sequence = replace(sequence, times=checks.require_times(times, len(vertices)))
             times_from = "caller"
         said, known = self.facts.stated, sequence.facts.stated
         if said or known:
@@ -211,7 +207,7 @@ class ReadOptions:
         )
 
 
-Parsed = tuple[dict[str, Any], dict[str, NDArray[Any]]]
+Parsed = tuple[dict[str, Any], dict[str, Array]]
 """Text and numbers by name, and arrays by name."""
 
 
@@ -227,7 +223,7 @@ class Answer:
     """
 
     info: dict[str, Any]
-    arrays: dict[str, NDArray[Any]]
+    arrays: dict[str, Array]
 
 
 class Parser(Protocol):

@@ -12,8 +12,6 @@ OFF is counts, then one vertex a line, then one polygon a line. Colours and norm
 or a polygon are not used.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from array import array
@@ -28,9 +26,8 @@ from numpy.typing import NDArray
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.limits import NO_LIMITS, ReadLimits
-from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.triangles import face_normals, oriented_faces
-from modalmotion.representation import Floats, Ints
+from modalmotion.representation import FloatArray, Floats, Ints
 
 _BLOCK: Final = 1 << 20
 _LONGEST_LINE: Final = 1 << 20
@@ -265,7 +262,7 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     )
 
 
-def _corners(words: list[bytes], n_vertices: int) -> array[int]:
+def _corners(words: list[bytes], n_vertices: int) -> "array[int]":
     try:
         numbers = [int(word.partition(b"/")[0]) for word in words]
         # Counted from one; from the last vertex so far where negative.

@@ -4,8 +4,6 @@ Words are in any case, on any line; numbers are text or big-endian. What follows
 CELL_DATA is not read.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from functools import partial
@@ -13,12 +11,11 @@ from math import prod
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
 from modalmotion.formats.frame import Frame, space_in, triangulate
 from modalmotion.limits import NO_LIMITS, ReadLimits
-from modalmotion.representation import Ints
+from modalmotion.representation import Array, Ints
 
 malformed: Final = partial(
     MalformedFileError, remedy="Save the frame again as a polygonal surface (vtkPolyData)."
@@ -69,7 +66,7 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     dataset, kind = file.word(), file.word()
     if dataset != "dataset" or kind not in ("polydata", "unstructured_grid"):
         raise malformed(f"The VTK file is a {kind[:40] or 'file'} without a surface.")
-    points: NDArray[Any] = np.zeros((0, 3))
+    points: Array = np.zeros((0, 3))
     cells: dict[str, tuple[Ints, Ints]] = {}
     types, statements = None, dict(space_in(title))
     while (word := file.word()) not in ("", "point_data", "cell_data"):
@@ -108,10 +105,10 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
 
 
 def surface_of(
-    points: NDArray[Any],
+    points: Array,
     sizes: Ints,
     corners: Ints,
-    types: NDArray[Any] | None,
+    types: Array | None,
     limits: ReadLimits,
     *,
     ignored: Iterable[str],
@@ -169,7 +166,7 @@ def surface_of(
     )
 
 
-def numbers_in(text: bytes, kind: np.dtype[Any]) -> NDArray[Any]:
+def numbers_in(text: bytes, kind: np.dtype[Any]) -> Array:
     """Read numbers between spaces.
 
     Raises
@@ -181,7 +178,7 @@ def numbers_in(text: bytes, kind: np.dtype[Any]) -> NDArray[Any]:
     text = text.strip()
     try:
         is_real = kind.kind == "f"
-        values: NDArray[Any] = np.fromstring(text, "f8" if is_real else "i8", sep=" ")
+        values: Array = np.fromstring(text, "f8" if is_real else "i8", sep=" ")
     except ValueError:
         raise malformed(f"Numbers of the VTK file read {text[:40]!r}.") from None
     with np.errstate(over="ignore"):
@@ -191,7 +188,7 @@ def numbers_in(text: bytes, kind: np.dtype[Any]) -> NDArray[Any]:
     return cast
 
 
-def whole(values: NDArray[Any]) -> Ints:
+def whole(values: Array) -> Ints:
     """Give offsets or corners as int64.
 
     Raises
@@ -227,7 +224,7 @@ class _Legacy:
             raise malformed(f"The VTK file declares the size {word[:20]!r}.")
         return int(word)
 
-    def numbers(self, n: int, kind: str) -> NDArray[Any]:
+    def numbers(self, n: int, kind: str) -> Array:
         """So many numbers of a type."""
         if kind not in _KINDS:
             raise malformed(f"The VTK file contains numbers of the type {kind[:40]!r}.")

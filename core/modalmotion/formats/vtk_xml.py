@@ -4,25 +4,22 @@ Arrays are text, base64, or bytes behind all elements; packed ones in blocks. On
 the time and the coordinate system are read; other arrays are named.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from binascii import a2b_base64
 from collections.abc import Callable, Iterator
-from typing import Any, Final
+from typing import Final
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats.frame import Frame, space_in
 from modalmotion.formats.vtk_legacy import malformed, numbers_in, surface_of, whole
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.numeric.unpacking import unpacked
-from modalmotion.representation import Ints
+from modalmotion.representation import Array, Bytes, Ints
 
 _KINDS: Final = {
     f"{name}{8 * n}": f"{letter}{n}"
@@ -152,7 +149,7 @@ class _File:
         corners = whole(self._values(_named(cells, "connectivity"), int(ends[-1])))
         return offsets, corners
 
-    def _values(self, array: Element, n: int | None) -> NDArray[Any]:
+    def _values(self, array: Element, n: int | None) -> Array:
         """Read an array of so many numbers; of any number if that is None."""
         kind = np.dtype(self.order + _KINDS[array.get("type", "")])
         form, text = array.get("format", "ascii"), (array.text or "").strip()
@@ -173,7 +170,7 @@ class _File:
             )
         return values.astype(kind.newbyteorder("="), copy=False)
 
-    def _bytes(self, data: bytes, at: int, is_raw: bool) -> bytes | NDArray[np.uint8]:
+    def _bytes(self, data: bytes, at: int, is_raw: bool) -> bytes | Bytes:
         """Read what a head declares: a number of bytes, or blocks and their packed sizes."""
 
         def read(n_bytes: int) -> bytes:

@@ -4,34 +4,23 @@ Points of all steps are stored one after the other; "Steps" says where each begi
 connectivity does, which may be the same for all.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping
 from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.errors import (
-    ConnectivityError,
-    MalformedFileError,
-    ParameterError,
-    ShapeError,
-    StoreError,
-)
+from modalmotion import errors, mesh
 from modalmotion.formats.frame import NOTHING_TO_TRACK, ONE_MESH, Triangles, triangulate
 from modalmotion.formats.named_arrays import parse_datasets as parse_named
 from modalmotion.formats.result import Parsed
-from modalmotion.hdf5.image import Form
-from modalmotion.hdf5.sealed import open_gated
+from modalmotion.hdf5 import image, sealed
 from modalmotion.limits import ReadLimits
-from modalmotion.mesh import facts_as_json
-from modalmotion.mesh.checks import given_up
+from modalmotion.mesh import checks
 from modalmotion.mesh.sequence import FORM, TRACK, MeshSequence, sequence_from_hdf5
 from modalmotion.notes import Note, notes_as_json
-from modalmotion.representation import Floats, Ints
+from modalmotion.representation import Array, Floats, Ints
 
 _TOPOLOGIES: Final = ("Vertices", "Lines", "Polygons", "Strips")
 """Groups of cells, in the order of their columns in the offsets of steps."""
@@ -42,7 +31,7 @@ _OURS: Final = "modalmotion"
 _OTHERS: Final = ("Vertices", "Lines", "Strips")
 _POLYGONS: Final = _TOPOLOGIES.index("Polygons")
 _malformed: Final = partial(
-    MalformedFileError, remedy="Save the surface again as VTKHDF from ParaView or VTK."
+    errors.MalformedFileError, remedy="Save the surface again as VTKHDF from ParaView or VTK."
 )
 
 
@@ -92,7 +81,7 @@ def parse_vtkhdf(file: Any, limits: ReadLimits) -> Parsed:
     faces = _same_faces(surface, limits)
     skipped = {name: _integers(root[name], "NumberOfCells").any() for name in root.keys() & _OTHERS}
     if skipped.pop("Strips", False):
-        raise MalformedFileError(
+        raise errors.MalformedFileError(
             "The VTKHDF file contains triangle strips.",
             remedy="Apply the filter 'Triangulate' and save again.",
         )
@@ -151,7 +140,7 @@ def parse_vtkhdf_clouds(file: Any, limits: ReadLimits) -> Parsed:
 def _surface(file: Any, limits: ReadLimits) -> _Surface:
     root, ours = file["VTKHDF"], file[_OURS].attrs if _OURS in file else {}
     if (kind := _text(root.attrs.get("Type"))) != "PolyData":
-        raise MalformedFileError(
+        raise errors.MalformedFileError(
             f"The VTKHDF file is of the type {kind[:40]!r}, not 'PolyData'.",
             remedy="Apply 'Extract Surface' in ParaView, and save again.",
         )
@@ -174,7 +163,7 @@ def _surface(file: Any, limits: ReadLimits) -> _Surface:
         n_parts = int(_integers(group, "NumberOfParts").max()) if "NumberOfParts" in group else 1
         times = {} if "times_unknown" in ours else {"times": values}
     if n_parts > 1:
-        raise MalformedFileError(
+        raise errors.MalformedFileError(
             f"The VTKHDF file contains {n_parts} parts for one time.",
             remedy="Merge them ('Merge Blocks' or 'Append Geometry' in ParaView) and save again.",
         )
@@ -217,16 +206,16 @@ def _same_faces(surface: _Surface, limits: ReadLimits) -> Triangles:
             )
         first = first or own
         if not all(map(np.array_equal, first, own)):
-            raise ConnectivityError(
+            raise errors.ConnectivityError(
                 f"Frame {frame} has other faces than frame 0.", remedy=ONE_MESH, frame=frame
             )
     return triangulate(np.diff(first[0]), first[1], limits)
 
 
-def _positions(surface: _Surface, limits: ReadLimits) -> NDArray[Any]:
+def _positions(surface: _Surface, limits: ReadLimits) -> Array:
     n, starts, dataset = int(surface.sizes[0]), surface.points, surface.root["Points"]
     for frame in np.flatnonzero(surface.sizes != n).tolist():
-        raise ShapeError(
+        raise errors.ShapeError(
             f"Frame {frame} has {surface.sizes[frame]} vertices, frame 0 has {n}.",
             remedy=ONE_MESH,
             frame=frame,
@@ -235,7 +224,7 @@ def _positions(surface: _Surface, limits: ReadLimits) -> NDArray[Any]:
     # Steps may all name the same points, so this can be far more than the file declares.
     limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
     # All at once: a chunk that contains many frames would be unpacked again for each of them.
-    values = given_up(np.asarray(dataset[()], dtype=dtype))
+    values = checks.given_up(np.asarray(dataset[()], dtype=dtype))
     if np.array_equal(starts, n * np.arange(len(starts))):
         return values[: n * len(starts)].reshape(len(starts), n, 3)
     return np.stack([values[start : start + n] for start in starts.tolist()])
@@ -262,7 +251,7 @@ _VERSION: Final = (2, 0)
 
 def write_vtkhdf(
     sequence: MeshSequence,
-    fields: Mapping[str, NDArray[Any]] | None = None,
+    fields: Mapping[str, Array] | None = None,
     attributes: Mapping[str, str | int | float] | None = None,
 ) -> bytes:
     """Write a sequence as VTKHDF PolyData over time.
@@ -345,12 +334,14 @@ def write_vtkhdf(
     return buffer.getvalue()
 
 
-def _require_field(name: str, values: NDArray[Any], sequence: MeshSequence) -> None:
+def _require_field(name: str, values: Array, sequence: MeshSequence) -> None:
     if not name or "/" in name or name == ".":
-        raise ParameterError(f"A field is called {name!r}.", remedy="Use a name without slashes.")
+        raise errors.ParameterError(
+            f"A field is called {name!r}.", remedy="Use a name without slashes."
+        )
     expected = (sequence.n_frames, sequence.n_vertices)
     if values.shape[:2] != expected or values.ndim > 3 or values.dtype.kind not in "fiu":
-        raise ShapeError(
+        raise errors.ShapeError(
             f"The field {name!r} has the shape {values.shape} of {values.dtype}; the sequence "
             f"has {expected[0]} frames of {expected[1]} vertices.",
             remedy="Give one number, or a few, for each vertex of each frame.",
@@ -363,7 +354,7 @@ _OF_TRACK: Final = Note.of("read_as_surface")
 
 def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
     """Parse VTKHDF PolyData, a file of the store's, or named datasets, after `open_gated`."""
-    with open_gated(data, limits) as file:
+    with sealed.open_gated(data, limits) as file:
         if "VTKHDF" in file:
             return parse_vtkhdf(file, limits)
         schema = file.attrs.get("schema")
@@ -375,37 +366,37 @@ def parse_hdf5(data: bytes, limits: ReadLimits) -> Parsed:
 
 def parse_datasets(data: bytes, limits: ReadLimits) -> Parsed:
     """Give all datasets of numbers in an HDF5 file by their paths, in this process."""
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, Array] = {}
 
     def take(name: str, value: Any) -> None:
         if getattr(value, "shape", None) is not None and value.dtype.kind in "fiu":
             arrays[name] = value[()]
 
-    with open_gated(data, limits) as file:
+    with sealed.open_gated(data, limits) as file:
         file.visititems(take)
     return {}, arrays
 
 
 def parse_clouds(data: bytes, limits: ReadLimits) -> Parsed:
     """Parse the points of a VTKHDF file in this process: see `parse_vtkhdf_clouds`."""
-    with open_gated(data, limits) as file:
+    with sealed.open_gated(data, limits) as file:
         if "VTKHDF" in file:
             return parse_vtkhdf_clouds(file, limits)
-    raise MalformedFileError(
+    raise errors.MalformedFileError(
         "The HDF5 file contains no group 'VTKHDF'.",
         remedy=f"Send VTKHDF PolyData, or npz. {NOTHING_TO_TRACK}",
     )
 
 
-def _parse_ours(data: bytes, limits: ReadLimits, form: Form) -> Parsed:
+def _parse_ours(data: bytes, limits: ReadLimits, form: image.Form) -> Parsed:
     try:
         sequence = sequence_from_hdf5(data, form)
-    except StoreError as error:
-        raise MalformedFileError(error.message, remedy=error.remedy) from error
+    except errors.StoreError as error:
+        raise errors.MalformedFileError(error.message, remedy=error.remedy) from error
     limits.require("frames", sequence.n_frames)
     limits.require("vertices", sequence.n_vertices)
     limits.require("faces", len(sequence.faces))
-    arrays: dict[str, NDArray[Any]] = {"vertices": sequence.vertices, "faces": sequence.faces}
+    arrays: dict[str, Array] = {"vertices": sequence.vertices, "faces": sequence.faces}
     if sequence.times is not None:
         arrays["times"] = sequence.times
     info: dict[str, Any] = {
@@ -413,7 +404,7 @@ def _parse_ours(data: bytes, limits: ReadLimits, form: Form) -> Parsed:
         "unit": sequence.unit,
         "topology": None if sequence.topology is None else sequence.topology.name,
         "grid": sequence.grid,
-        "facts": facts_as_json(sequence.facts),
+        "facts": mesh.facts_as_json(sequence.facts),
         "ignored": [],
         "notes": notes_as_json([_OF_TRACK] if form == TRACK else []),
     }

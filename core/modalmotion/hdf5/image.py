@@ -1,7 +1,5 @@
 """HDF5 files of results: their header and contents, written to the same bytes, and read."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,10 +9,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import CorruptFileError, ModalMotionError, StoreError
 from modalmotion.hdf5.sealed import load_sealed, require_sealed, seal, seal_file
+from modalmotion.representation import Array
 
 Attribute = str | int | tuple[int, ...]
 
@@ -152,7 +150,7 @@ class Contents:
 
     name: str
     attributes: dict[str, Any]
-    arrays: dict[str, NDArray[Any]]
+    arrays: dict[str, Array]
 
     def text(self, name: str) -> str:
         """Attribute that contains text."""
@@ -182,7 +180,7 @@ class Contents:
         """Value of a dataset that contains one number."""
         return self.array(name, ()).item()
 
-    def array(self, name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
+    def array(self, name: str, shape: tuple[int | None, ...]) -> Array:
         """Dataset of numbers of that shape, None for an open length."""
         array = self.arrays[name]
         fits = len(shape) == array.ndim and all(
@@ -214,7 +212,7 @@ def contents_of(name: str, source: bytes | Path, *, has_arrays: bool = True) -> 
 
     is_image = isinstance(source, bytes)
     most_bytes = len(source) if isinstance(source, bytes) else source.stat().st_size
-    arrays: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, Array] = {}
     n_bytes = 0
     with h5py.File(h5py.h5f.open_file_image(source) if is_image else source, "r") as file:
         for key in file if has_arrays else ():
@@ -245,7 +243,7 @@ def contents_of(name: str, source: bytes | Path, *, has_arrays: bool = True) -> 
     return Contents(name, {key: _plain(value) for key, value in attributes.items()}, arrays)
 
 
-def _plain(value: NDArray[Any]) -> Any:
+def _plain(value: Array) -> Any:
     content = value.tolist()
     if isinstance(content, bytes):
         return content.decode()

@@ -9,8 +9,6 @@ the machine by itself, and allocates what a shape declares. So a file is walked 
 memory, and let through only if everything in it is in it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import math
@@ -20,14 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from modalmotion.errors import (
-    CorruptFileError,
-    InputError,
-    LimitError,
-    MalformedFileError,
-    NotFoundError,
-    StoreError,
-)
+from modalmotion import errors
 from modalmotion.limits import ReadLimits
 from modalmotion.numeric.unpacking import unpacked
 
@@ -84,10 +75,10 @@ def open_gated(data: bytes, limits: ReadLimits) -> Iterator[Any]:
         with h5py.File(h5py.h5f.open_file_image(data)) as file:
             _walk(h5py, file, limits)
             yield file
-    except (InputError, MemoryError):
+    except (errors.InputError, MemoryError):
         raise
     except Exception as error:
-        raise MalformedFileError(
+        raise errors.MalformedFileError(
             f"The HDF5 file cannot be read ({_first_line(error)}).",
             remedy="The file may be cut short: send it again, or write it anew.",
         ) from error
@@ -195,16 +186,16 @@ def _require_small_attributes(h5py: Any, name: str, owner: Any, n_before: int) -
     return n_attributes
 
 
-def _refused(name: str, what: str) -> MalformedFileError:
-    return MalformedFileError(
+def _refused(name: str, what: str) -> errors.MalformedFileError:
+    return errors.MalformedFileError(
         f"The HDF5 file's {name!r} is or has {what}, which is never followed or read.",
         remedy=_REMEDY,
         details={"object": name},
     )
 
 
-def _too_many(what: str, value: int, most: int) -> LimitError:
-    return LimitError(
+def _too_many(what: str, value: int, most: int) -> errors.LimitError:
+    return errors.LimitError(
         f"The HDF5 file contains {value} {what}; at most {most} are accepted.",
         remedy=_REMEDY,
         limit="hdf5_objects",
@@ -265,13 +256,13 @@ def _require_seal(name: str, file: BinaryIO, size: int) -> None:
         left -= len(piece)
     match = _SEAL.fullmatch(file.read())
     if match is None:
-        raise CorruptFileError(
+        raise errors.CorruptFileError(
             f"{name} does not end with the seal that modalmotion writes: it is cut "
             "short, was changed, or comes from another program.",
             remedy=_RESTORE,
         )
     if digest.hexdigest().encode() != match[1]:
-        raise CorruptFileError(
+        raise errors.CorruptFileError(
             f"{name} is damaged: its bytes do not have the sha256 that its seal states.",
             remedy=_RESTORE,
             details={"stated": match[1].decode(), "found": digest.hexdigest()},
@@ -311,7 +302,7 @@ def load_sealed(source: bytes | Path) -> tuple[str, bytes]:
         data = read_file(source)
     if not data.startswith(SIGNATURE):
         what = "is empty" if not data else "does not begin as an HDF5 file does"
-        raise CorruptFileError(
+        raise errors.CorruptFileError(
             f"{name} {what}.",
             remedy=f"Name an HDF5 file written by modalmotion. If this was one: {_RESTORE}",
         )
@@ -323,7 +314,7 @@ def is_sound(path: Path) -> bool:
     """Return whether a sealed file is there as it was written."""
     try:
         load_sealed(path)
-    except StoreError:
+    except errors.StoreError:
         return False
     return True
 
@@ -344,12 +335,12 @@ def read_file(path: Path) -> bytes:
         raise _unreadable(path, error) from error
 
 
-def _unreadable(path: Path, error: OSError) -> StoreError:
+def _unreadable(path: Path, error: OSError) -> errors.StoreError:
     if isinstance(error, FileNotFoundError):
-        return NotFoundError(
+        return errors.NotFoundError(
             f"There is no file '{path.name}'.", remedy="Check its name and folder."
         )
-    return StoreError(
+    return errors.StoreError(
         f"'{path.name}' could not be read: {error.strerror}.",
         remedy="Check that it is a file, that this user may read it, and the disk.",
     )

@@ -1,18 +1,15 @@
 """Images as HDF5, in files that may be larger than memory."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.hdf5.image import Contents, Dataset, Form, json_text, write_sealed
 from modalmotion.images.volume import Image, ImageSequence, Plane, PlaneSet, Volume, parts_of
 from modalmotion.notes import notes_from_json
-from modalmotion.representation import Floats
+from modalmotion.representation import Array, Floats
 
 FORM: Final = Form("images", 2)
 
@@ -34,7 +31,7 @@ def write_images(path: Path, images: ImageSequence) -> None:
         Written over.
     images : ImageSequence
     """
-    alike: dict[tuple[str, tuple[int, ...]], list[NDArray[Any]]] = {}
+    alike: dict[tuple[str, tuple[int, ...]], list[Array]] = {}
     places: list[_Part] = []
     affines: list[Floats] = []
     thicknesses: list[float] = []

@@ -1,7 +1,5 @@
 """Images in space: volumes and planes, values between samples, and sequences over time."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +9,11 @@ from typing import Any, ClassVar, Final, TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.checks import require_times
 from modalmotion.notes import Note
-from modalmotion.representation import Floats, FrozenArrays, shown
+from modalmotion.representation import Array, Floats, FrozenArrays, shown
 
 # mm: finer and coarser samples are those of a microscope or of a wrong unit.
 _FINEST: Final = 1e-3
@@ -26,7 +23,7 @@ _COARSEST: Final = 1e3
 _FLATTEST: Final = 1e-3
 
 
-def require_samples(values: Any, n_axes: int) -> NDArray[Any]:
+def require_samples(values: Any, n_axes: int) -> Array:
     """Check that samples are real numbers along so many axes; return them, read-only.
 
     Raises
@@ -85,7 +82,7 @@ def require_affine(affine: Any, n_axes: int) -> Floats:
     return A
 
 
-def are_missing(samples: NDArray[Any]) -> bool:
+def are_missing(samples: Array) -> bool:
     """Return whether any sample is not finite, looking at a slab at a time."""
     return samples.dtype.kind == "f" and not all(np.isfinite(slab).all() for slab in samples)
 
@@ -94,7 +91,7 @@ def are_missing(samples: NDArray[Any]) -> bool:
 _LEAST_SHARE = 0.5
 
 
-def interpolated(values: NDArray[Any], indices: Floats, *, are_missing: bool) -> Floats:
+def interpolated(values: Array, indices: Floats, *, are_missing: bool) -> Floats:
     """Interpolate linearly; NaN outside, and where most samples around are missing.
 
     Parameters
@@ -118,7 +115,7 @@ def interpolated(values: NDArray[Any], indices: Floats, *, are_missing: bool) ->
     return found
 
 
-def _among_missing(values: NDArray[Any], indices: Floats) -> Floats:
+def _among_missing(values: Array, indices: Floats) -> Floats:
     """Weigh the samples around each place that are there; no array as large as the image."""
     last = np.array(values.shape) - 1
     with np.errstate(invalid="ignore"):
@@ -144,7 +141,7 @@ def _among_missing(values: NDArray[Any], indices: Floats) -> Floats:
 class _Samples(FrozenArrays):
     """Samples in space, along as many axes as a subclass has."""
 
-    values: NDArray[Any]
+    values: Array
     affine: Floats
 
     _n_axes: ClassVar[int]
@@ -367,7 +364,7 @@ class ImageSequence(FrozenArrays):
                     _add(digest, np.array([part.thickness]))
         return digest.hexdigest()
 
-    def sliced(self) -> ImageSequence:
+    def sliced(self) -> "ImageSequence":
         """Take volumes of thick slices apart into planes."""
         frames = tuple(
             slices_of(frame) if isinstance(frame, Volume) and is_sliced(frame) else frame
@@ -381,7 +378,7 @@ def parts_of(frame: Image) -> tuple[Volume | Plane, ...]:
     return frame.planes if isinstance(frame, PlaneSet) else (frame,)
 
 
-def _add(digest: hashlib._Hash, array: NDArray[Any] | None) -> None:
+def _add(digest: "hashlib._Hash", array: Array | None) -> None:
     """Add an array's type and shape and its elements, in one order of bytes."""
     if array is None:
         digest.update(b"none\0")

@@ -5,8 +5,6 @@ Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cry
 IEEE PAMI, 1991.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,12 +12,11 @@ from typing import Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, lattice_faces
 from modalmotion.mesh.triangles import curve_weights, vertex_areas
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.representation import Bools, Floats, Ints, shown
+from modalmotion.representation import Bools, Floats, Ints, Singles, shown
 
 # Relative to the largest singular value of the covariance: below this a direction is not
 # spanned by the points, and the rotation about it is not determined by them. Singular values
@@ -48,7 +45,7 @@ class Rotations:
     is_determined: Bools
 
     @staticmethod
-    def none(n_frames: int) -> Rotations:
+    def none(n_frames: int) -> "Rotations":
         """Rotations of frames that are not turned."""
         return Rotations(np.tile(np.eye(3), (n_frames, 1, 1)), np.ones(n_frames, dtype=np.bool_))
 
@@ -153,7 +150,7 @@ class ReferenceShape:
     @staticmethod
     def at(
         sequence: MeshSequence, weights: Floats, start: Floats, ignored: Ints | None = None
-    ) -> ReferenceShape:
+    ) -> "ReferenceShape":
         """Centre positions (vertices, 3) that a sequence is measured from."""
         ignored = np.zeros(0, dtype=np.int64) if ignored is None else ignored
         counted = weights > 0
@@ -300,7 +297,7 @@ class Displacements:
             )
 
 
-def _centred(positions: NDArray[np.float32] | Floats, shape: ReferenceShape) -> Floats:
+def _centred(positions: Singles | Floats, shape: ReferenceShape) -> Floats:
     """Positions from the reference's centroid, (frames, 3, vertices), in units of the scale."""
     x = np.empty((len(positions), 3, positions.shape[1]))
     centre = shape.centre[:, None]
@@ -316,9 +313,7 @@ def _centred(positions: NDArray[np.float32] | Floats, shape: ReferenceShape) -> 
     return x
 
 
-def _is_still(
-    positions: NDArray[np.float32] | Floats, start: Floats, shape: ReferenceShape
-) -> Bools:
+def _is_still(positions: Singles | Floats, start: Floats, shape: ReferenceShape) -> Bools:
     """Frames that repeat the reference bit for bit, at the vertices that are read."""
     # A few vertices rule out nearly all frames that do not.
     probe = slice(None, None, max(1, len(start) // 16))

@@ -1,21 +1,17 @@
 """Checks of arrays at public entry points, and the uncertainty of positions."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 from modalmotion.notes import Note
-from modalmotion.representation import Floats, FrozenArrays, Ints, shown
+from modalmotion.representation import Array, FloatArray, Floats, FrozenArrays, Ints, Singles, shown
 
-FloatArray = NDArray[np.float32] | Floats
-AnyArray = TypeVar("AnyArray", bound=NDArray[Any])
+AnyArray = TypeVar("AnyArray", bound=Array)
 
 
 LARGEST: Final = 1e304
@@ -156,7 +152,7 @@ def _require_size(array: FloatArray, low: float, high: float) -> None:
     )
 
 
-def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
+def single_precision(values: Array, what: str) -> Singles:
     """Round to little-endian float32, for formats without double precision.
 
     Parameters
@@ -171,7 +167,7 @@ def single_precision(values: NDArray[Any], what: str) -> NDArray[np.float32]:
         If one of them is beyond the range of float32.
     """
     with np.errstate(over="ignore"):
-        rounded: NDArray[np.float32] = np.asarray(values).astype("<f4")
+        rounded: Singles = np.asarray(values).astype("<f4")
     if not np.isfinite(rounded).all():
         raise ParameterError(
             f"{what} is {float(np.abs(values).max()):.3g}, and single precision ends at 3.4e38.",
@@ -225,7 +221,7 @@ def require_faces(faces: Any, n_vertices: int, n_frames: int = 0) -> Ints:
     return kept(np.ascontiguousarray(array, dtype=np.int64), faces)
 
 
-def _remedy_for(faces: NDArray[Any], n_vertices: int, n_frames: int) -> str:
+def _remedy_for(faces: Array, n_vertices: int, n_frames: int) -> str:
     low, high = int(faces.min()), int(faces.max())
     if low == 1 and high == n_vertices:
         return "They seem to count from 1: subtract 1 from every index."
@@ -341,7 +337,7 @@ class Uncertainty(FrozenArrays):
         n_vertices: int,
         independent: float,
         between_frames: float = 0.0,
-    ) -> Uncertainty:
+    ) -> "Uncertainty":
         """Take noise of one standard deviation on all coordinates.
 
         Parameters

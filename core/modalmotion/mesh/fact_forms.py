@@ -1,7 +1,5 @@
 """Facts as JSON, and as texts: in a table's columns, a query or a command."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """Facts: statements of the sender that the arrays of a sequence cannot hold."""
 
-from __future__ import annotations
-
 import math
 import operator
 import re
@@ -216,13 +214,13 @@ class Facts:
         """Names of the known facts."""
         return self.changed(NO_FACTS)
 
-    def changed(self, other: Facts) -> tuple[str, ...]:
+    def changed(self, other: "Facts") -> tuple[str, ...]:
         """Names of the facts in which two differ."""
         if self == other:
             return ()
         return tuple(name for name in NAMES if getattr(self, name) != getattr(other, name))
 
-    def over(self, other: Facts) -> Facts:
+    def over(self, other: "Facts") -> "Facts":
         """Override another's facts with these; landmarks and covariates by name.
 
         Raises

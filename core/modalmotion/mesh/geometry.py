@@ -1,7 +1,5 @@
 """Volume inside a surface, lines along its normals, and the sections in which planes cut it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -45,7 +43,7 @@ class NormalLines:
     directions: Floats
 
     @staticmethod
-    def of(faces: Ints, vertices: Ints, positions: Floats, normals: Floats) -> NormalLines:
+    def of(faces: Ints, vertices: Ints, positions: Floats, normals: Floats) -> "NormalLines":
         """Lines through some vertices, (nodes,) int64, of positions and normals (vertices, 3)."""
         along = normals[vertices]
         # The axis that is farthest from the normal is across it.
@@ -56,7 +54,7 @@ class NormalLines:
         directions = np.stack([across, np.cross(along, across), along], axis=1)
         return NormalLines(faces, vertices, positions[vertices], directions)
 
-    def some(self, rows: Ints) -> NormalLines:
+    def some(self, rows: Ints) -> "NormalLines":
         """Return some of the lines."""
         part = NormalLines(
             self.faces, self.vertices[rows], self.starts[rows], self.directions[rows]
@@ -236,7 +234,7 @@ class Edges:
     of_faces: Ints
 
     @staticmethod
-    def of(faces: Ints) -> Edges:
+    def of(faces: Ints) -> "Edges":
         """List the edges of triangles."""
         sides = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         ends, places = np.unique(sides, axis=0, return_inverse=True)

@@ -10,8 +10,6 @@ unknowns are the unknowns of the next level, whose interpolation is a step of Ja
 constant on each group. Memory grows as the matrix; groups and sweeps are in `native/multigrid.c`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -24,7 +22,7 @@ from modalmotion.progress import Progress, Reporter, share_fallen, silent
 from modalmotion.representation import Floats, Ints
 
 
-def cotangent_laplacian(vertices: Floats, faces: Ints) -> scipy.sparse.csc_array:
+def cotangent_laplacian(vertices: Floats, faces: Ints) -> "scipy.sparse.csc_array":
     """Stiffness of linear elements: minus the Laplacian, weighted by cotangents.
 
     Parameters
@@ -61,7 +59,7 @@ def cotangent_laplacian(vertices: Floats, faces: Ints) -> scipy.sparse.csc_array
     return _symmetric(n, np.concatenate(rows), np.concatenate(columns), np.concatenate(values))
 
 
-def graph_laplacian(edges: Ints, n_vertices: int) -> scipy.sparse.csc_array:
+def graph_laplacian(edges: Ints, n_vertices: int) -> "scipy.sparse.csc_array":
     """Stiffness of equal springs along the edges: degree minus adjacency.
 
     Parameters
@@ -77,7 +75,7 @@ def graph_laplacian(edges: Ints, n_vertices: int) -> scipy.sparse.csc_array:
     return _symmetric(n_vertices, edges[:, 0], edges[:, 1], np.full(len(edges), -1.0))
 
 
-def _symmetric(n: int, rows: Ints, columns: Ints, values: Floats) -> scipy.sparse.csc_array:
+def _symmetric(n: int, rows: Ints, columns: Ints, values: Floats) -> "scipy.sparse.csc_array":
     off = scipy.sparse.csc_array((values, (rows, columns)), shape=(n, n))
     off = off + off.T
     diagonal = -np.asarray(off.sum(axis=0)).ravel()
@@ -106,7 +104,7 @@ _SET_UP: Final = 0.3
 
 
 def solve_by_multigrid(
-    matrix: scipy.sparse.csc_array, right: Floats, report: Reporter = silent
+    matrix: "scipy.sparse.csc_array", right: Floats, report: Reporter = silent
 ) -> Floats | None:
     """Solve a sparse symmetric positive definite system.
 
@@ -231,7 +229,7 @@ LARGE: Final = 50_000
 
 
 def solve_positive_definite(
-    matrix: scipy.sparse.csc_array, right: Floats, report: Reporter = silent
+    matrix: "scipy.sparse.csc_array", right: Floats, report: Reporter = silent
 ) -> Floats:
     """Solve a sparse symmetric positive definite system.
 

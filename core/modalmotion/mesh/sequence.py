@@ -1,7 +1,5 @@
 """Mesh sequences: one connectivity, positions over time; HDF5 files, and standard surfaces."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import dataclass, replace
@@ -10,38 +8,16 @@ from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import ParameterError, ShapeError, TopologyError
 from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, Form, json_text
-from modalmotion.mesh.checks import (
-    FloatArray,
-    Uncertainty,
-    given_up,
-    require_faces,
-    require_times,
-    require_vertices,
-)
-from modalmotion.mesh.fact_forms import facts_as_json, facts_from_json
+from modalmotion.mesh import checks, fact_forms, triangles
 from modalmotion.mesh.facts import NO_FACTS, Facts
-from modalmotion.mesh.triangles import representatives_of
+from modalmotion.modes import topologies
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import (
-    CLOSED,
-    CLOSED_CURVE,
-    CUP,
-    CYLINDER,
-    OPEN_CURVE,
-    PLANE,
-    SPHERE,
-    TORUS,
-    Topology,
-    lattice_coordinates,
-    require_shape,
-)
 from modalmotion.notes import Note
-from modalmotion.representation import Floats, FrozenArrays, Ints, counted, shown
+from modalmotion.representation import Array, FloatArray, Floats, FrozenArrays, Ints, counted, shown
 
 MM_PER_UNIT: Final[dict[str, float]] = {
     "m": 1e3,
@@ -88,11 +64,11 @@ class MeshSequence(FrozenArrays, Recorded):
     vertices: FloatArray
     faces: Ints
     grid: tuple[int, ...] | None = None
-    topology: Topology | None = None
+    topology: topologies.Topology | None = None
     times: Floats | None = None
     unit: str | None = None
     facts: Facts = NO_FACTS
-    uncertainty: Uncertainty | None = None
+    uncertainty: checks.Uncertainty | None = None
 
     def __post_init__(self) -> None:
         for array in (self.vertices, self.faces, self.times):
@@ -161,7 +137,7 @@ class MeshSequence(FrozenArrays, Recorded):
         is_curve = self.topology is not None and self.topology.n_axes == 1
         if self.grid is not None or is_curve or not len(self.faces):
             return np.arange(self.n_vertices)
-        return representatives_of(self.vertices, self.faces)
+        return triangles.representatives_of(self.vertices, self.faces)
 
     def require_reference(self, reference: Reference) -> None:
         """Check that a reference exists.
@@ -184,7 +160,7 @@ class MeshSequence(FrozenArrays, Recorded):
                 remedy=f"Name a frame of the sequence, counted from 0, or {MEAN!r}.",
             )
 
-    def with_unit(self, unit: str) -> MeshSequence:
+    def with_unit(self, unit: str) -> "MeshSequence":
         """Return the same numbers in another length unit.
 
         Raises
@@ -195,7 +171,7 @@ class MeshSequence(FrozenArrays, Recorded):
         _require_unit(unit)
         return replace(self, unit=unit)
 
-    def with_times(self, times: Any) -> MeshSequence:
+    def with_times(self, times: Any) -> "MeshSequence":
         """Return the same frames at other times, in s, or at unknown ones (None).
 
         Raises
@@ -203,10 +179,10 @@ class MeshSequence(FrozenArrays, Recorded):
         InputError
             If there is not one for each frame, or they do not rise.
         """
-        times = None if times is None else require_times(times, self.n_frames)
+        times = None if times is None else checks.require_times(times, self.n_frames)
         return replace(self, times=times)
 
-    def with_facts(self, facts: Facts) -> MeshSequence:
+    def with_facts(self, facts: Facts) -> "MeshSequence":
         """Return the same sequence, and the same id, with these facts.
 
         Raises
@@ -218,8 +194,8 @@ class MeshSequence(FrozenArrays, Recorded):
         return replace(self, facts=facts)
 
     def with_topology(
-        self, topology: Topology | None, grid: tuple[int, ...] | None
-    ) -> MeshSequence:
+        self, topology: topologies.Topology | None, grid: tuple[int, ...] | None
+    ) -> "MeshSequence":
         """Return the same sequence with another topology or lattice shape; None keeps its own."""
         if topology is None and grid is None:
             return self
@@ -234,7 +210,7 @@ def mesh_sequence(
     faces: Any = None,
     *,
     grid: Any = None,
-    topology: Topology | str | None = None,
+    topology: topologies.Topology | str | None = None,
     times: Any = None,
     unit: str | None = None,
     facts: Facts | None = None,
@@ -260,10 +236,10 @@ def mesh_sequence(
     InputError
         The subclass names the error; frame and vertex are named where one is at fault.
     """
-    positions = require_vertices(vertices)
+    positions = checks.require_vertices(vertices)
     n_frames, n_vertices, _ = positions.shape
     if isinstance(topology, str):
-        topology = Topology.parse(topology)
+        topology = topologies.Topology.parse(topology)
     if grid is not None:
         shape = np.asarray(grid)
         if shape.dtype.kind not in "iu" or shape.ndim != 1 or not 1 <= shape.size <= 3:
@@ -277,10 +253,10 @@ def mesh_sequence(
         _require_unit(unit)
     sequence = MeshSequence(
         vertices=positions,
-        faces=require_faces([] if faces is None else faces, n_vertices, n_frames),
+        faces=checks.require_faces([] if faces is None else faces, n_vertices, n_frames),
         grid=grid,
         topology=topology,
-        times=None if times is None else require_times(times, n_frames),
+        times=None if times is None else checks.require_times(times, n_frames),
         unit=unit,
     )
     return sequence if facts is None else sequence.with_facts(facts)
@@ -294,7 +270,9 @@ def _require_unit(unit: str) -> None:
         )
 
 
-def _require_grid(grid: tuple[int, ...] | None, topology: Topology | None, n_vertices: int) -> None:
+def _require_grid(
+    grid: tuple[int, ...] | None, topology: topologies.Topology | None, n_vertices: int
+) -> None:
     if grid is None:
         return
     n_nodes = 1
@@ -306,7 +284,7 @@ def _require_grid(grid: tuple[int, ...] | None, topology: Topology | None, n_ver
             remedy="The product of the grid must be the number of vertices.",
         )
     if topology is not None:
-        require_shape(topology, grid)
+        topologies.require_shape(topology, grid)
 
 
 def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tuple[Note, ...]]:
@@ -332,7 +310,7 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
     ShapeError
         If two frames of the same time differ.
     """
-    stamps: NDArray[Any] = np.asarray(times)
+    stamps: Array = np.asarray(times)
     is_list = stamps.dtype.kind in "fiu" and stamps.shape == np.shape(vertices)[:1]
     if not is_list or not np.isfinite(stamps).all() or (np.diff(stamps) > 0).all():
         return vertices, times, ()
@@ -397,7 +375,7 @@ def sequence_datasets(sequence: MeshSequence) -> list[Dataset]:
     datasets = [
         Dataset("vertices", vertices, sequence.unit or UNKNOWN, "frame, vertex, direction"),
         Dataset("faces", sequence.faces.astype("<i8", copy=False), "1", "face, corner"),
-        json_text("facts", facts_as_json(sequence.facts)),
+        json_text("facts", fact_forms.facts_as_json(sequence.facts)),
     ]
     if sequence.times is not None:
         datasets.append(Dataset("times", sequence.times, "s", "frame"))
@@ -430,17 +408,17 @@ def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence
 def sequence_in(contents: Contents) -> MeshSequence:
     """Sequence that the contents of a file have."""
     return mesh_sequence(
-        given_up(contents.array("vertices", (None, None, 3))),
+        checks.given_up(contents.array("vertices", (None, None, 3))),
         contents.array("faces", (None, 3)),
         grid=contents.attributes.get("grid"),
         topology=contents.optional_text("topology"),
         times=contents.arrays.get("times"),
         unit=contents.unit,
-        facts=facts_from_json(contents.json("facts", dict)),
+        facts=fact_forms.facts_from_json(contents.json("facts", dict)),
     )
 
 
-def lattice_faces(topology: Topology, shape: tuple[int, ...]) -> Ints:
+def lattice_faces(topology: topologies.Topology, shape: tuple[int, ...]) -> Ints:
     """Triangles that join the nodes of a two-axis lattice: each cell in two.
 
     Returns
@@ -451,7 +429,7 @@ def lattice_faces(topology: Topology, shape: tuple[int, ...]) -> Ints:
     rows, columns = shape
     index = np.arange(rows * columns).reshape(shape)
     for axis, ends in enumerate(topology.ends):
-        if ends == CLOSED and shape[axis] > 2:
+        if ends == topologies.CLOSED and shape[axis] > 2:
             index = np.concatenate([index, np.take(index, [0], axis=axis)], axis=axis)
     a, b = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
     c, d = index[1:, :-1].ravel(), index[1:, 1:].ravel()
@@ -483,25 +461,25 @@ def standard_surface(lattice: Lattice) -> MeshSequence:
         If its topology is another.
     """
     topology = lattice.topology
-    coordinates = lattice_coordinates(topology, lattice.shape)
+    coordinates = topologies.lattice_coordinates(topology, lattice.shape)
     s, theta = coordinates[:, 0], 2.0 * np.pi * coordinates[:, -1]
-    if topology == OPEN_CURVE:
+    if topology == topologies.OPEN_CURVE:
         x = _points(_AXIS * (s - 0.5), 0.0 * s, 0.0 * s)
-    elif topology == CLOSED_CURVE:
+    elif topology == topologies.CLOSED_CURVE:
         x = _points(np.cos(theta), np.sin(theta), 0.0 * s)
-    elif topology == PLANE:
+    elif topology == topologies.PLANE:
         x = _points(theta - np.pi, _AXIS * (s - 0.5), 0.0 * s)
-    elif topology == CYLINDER:
+    elif topology == topologies.CYLINDER:
         x = _points(np.cos(theta), np.sin(theta), _AXIS * (s - 0.5))
-    elif topology == TORUS:
+    elif topology == topologies.TORUS:
         tube = 2.0 * np.pi * s
         r = 1.0 + _TUBE * np.cos(tube)
         x = _points(r * np.cos(theta), r * np.sin(theta), _TUBE * np.sin(tube))
-    elif topology == CUP:
+    elif topology == topologies.CUP:
         nu = 0.5 * np.pi * s
         r = np.sin(nu)
         x = _points(r * np.cos(theta), r * np.sin(theta), -2.0 * np.cos(nu))
-    elif topology == SPHERE:
+    elif topology == topologies.SPHERE:
         r = np.sin(np.pi * s)
         x = _points(r * np.cos(theta), r * np.sin(theta), -np.cos(np.pi * s))
     else:

@@ -8,23 +8,20 @@ the basis that fixed probe vectors, projected into it one after the other, span:
 the space alone. That also fixes the sign of every vector.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from modalmotion.errors import LimitError, ModeCountError, ParameterError
 from modalmotion.mesh.laplacian import graph_laplacian
 from modalmotion.mesh.triangles import connectivity_of
 from modalmotion.modes.mode_set import ModeSet, lowest_modes
-from modalmotion.modes.topology import ModeLabel, Surface
-from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
+from modalmotion.modes.topologies import ModeLabel, Surface
+from modalmotion.representation import Array, Bools, Floats, FrozenArrays, Ints, shown
 
 
 @shown()
@@ -87,17 +84,17 @@ class SpringModes(FrozenArrays):
         return tuple(ModeLabel((rank,), "spring") for rank in range(len(self)))
 
     @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> dict[str, Array]:
         """Datasets of the modes in files."""
         identity = np.array(self.connectivity_id.encode(), dtype="S64")
         return {"spring_eigenvalues": self.eigenvalues, "connectivity_id": identity}
 
     @property
-    def names(self) -> SpringModes:
+    def names(self) -> "SpringModes":
         """These modes without their shapes."""
         return SpringModes(self.eigenvalues, self.connectivity_id)
 
-    def take(self, indices: Ints) -> SpringModes:
+    def take(self, indices: Ints) -> "SpringModes":
         """First modes.
 
         Raises
@@ -277,7 +274,7 @@ _FAINT: Final = 1e-3
 
 
 def lowest_eigenpairs(
-    matrix: scipy.sparse.csc_array, n_pairs: int, first_probes: Floats
+    matrix: "scipy.sparse.csc_array", n_pairs: int, first_probes: Floats
 ) -> tuple[Floats, Floats]:
     """Lowest eigenvalues and eigenvectors of a positive semidefinite matrix.
 
@@ -325,7 +322,7 @@ def lowest_eigenpairs(
     return values[:n_pairs], np.concatenate(basis, axis=1)[:, :n_pairs]
 
 
-def _solve(matrix: scipy.sparse.csc_array, count: int, scale: float) -> tuple[Floats, Floats]:
+def _solve(matrix: "scipy.sparse.csc_array", count: int, scale: float) -> tuple[Floats, Floats]:
     n = matrix.shape[0]
     if n <= _DENSE or count > n // 3:
         values, vectors = scipy.linalg.eigh(matrix.toarray())
@@ -372,7 +369,7 @@ def _too_many_equal() -> LimitError:
     )
 
 
-def _n_below(matrix: scipy.sparse.csc_array, value: float) -> int:
+def _n_below(matrix: "scipy.sparse.csc_array", value: float) -> int:
     shifted = scipy.sparse.csc_array(
         matrix - value * scipy.sparse.diags_array(np.ones(matrix.shape[0]), format="csc")
     )

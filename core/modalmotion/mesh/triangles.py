@@ -4,16 +4,13 @@ Areas, normals and gradients need vertices whose squares neither overflow nor va
 `make_template` scales them first.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from modalmotion.mesh.checks import FloatArray
-from modalmotion.modes.topology import CLOSED_CURVE, OPEN_CURVE, Topology
-from modalmotion.representation import Floats, Ints, shown
+from modalmotion.modes.topologies import CLOSED_CURVE, OPEN_CURVE, Topology
+from modalmotion.representation import FloatArray, Floats, Ints, shown
 
 
 @shown()

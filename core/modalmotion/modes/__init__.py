@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from modalmotion.modes.oscillators import phase_error as phase_error
     from modalmotion.modes.oscillators import ramp_response as ramp_response
     from modalmotion.modes.oscillators import step_response as step_response
-    from modalmotion.modes.topology import ModeLabel as ModeLabel
+    from modalmotion.modes.topologies import ModeLabel as ModeLabel
     from modalmotion.modes.waves import dispersion as dispersion
     from modalmotion.modes.waves import dynamical_matrices as dynamical_matrices
     from modalmotion.modes.waves import group_velocity as group_velocity

@@ -11,28 +11,12 @@ from typing import Any, Final
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from modalmotion import errors
 from modalmotion.arguments.checking import real, whole_numbers
-from modalmotion.errors import (
-    LimitError,
-    NonFiniteError,
-    ParameterError,
-    ShapeError,
-    TopologyError,
-)
+from modalmotion.modes import topologies
 from modalmotion.modes.mode_set import ModeSet, all_modes, lowest_modes, whole_count
-from modalmotion.modes.topology import (
-    CLOSED,
-    OPEN,
-    POLE_OPEN,
-    ModeLabel,
-    Topology,
-    require_mode,
-    require_shape,
-    scales_of,
-)
-from modalmotion.representation import Bools, Floats, Ints, shown
+from modalmotion.representation import Array, Bools, Complexes, Floats, Ints, shown
 
 
 @shown()
@@ -64,14 +48,14 @@ class Lattice:
         If a stiffness or the mass is not positive and finite.
     """
 
-    topology: Topology
+    topology: topologies.Topology
     shape: tuple[int, ...]
     stiffness: float | tuple[float, ...] = 1.0
     mass: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", whole_numbers("shape", self.shape))
-        require_shape(self.topology, self.shape)
+        topologies.require_shape(self.topology, self.shape)
         if isinstance(self.stiffness, tuple):
             for K in self.stiffness:
                 real("A stiffness", K)
@@ -80,13 +64,13 @@ class Lattice:
         real("mass", self.mass)
         for name, value in (("stiffness K", self.stiffnesses), ("mass M", (self.mass,))):
             if not all(math.isfinite(v) and v > 0 for v in value):
-                raise ParameterError(
+                raise errors.ParameterError(
                     f"The {name} is {value}, but only positive finite values make a lattice "
                     "that oscillates.",
                     remedy="Use values above zero.",
                 )
         if len(self.stiffnesses) != self.topology.n_axes:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"{len(self.stiffnesses)} stiffnesses for {self.topology.n_axes} axes.",
                 remedy="Give one stiffness, or one for each axis.",
             )
@@ -95,7 +79,7 @@ class Lattice:
         with np.errstate(over="ignore"):
             fastest = np.ldexp(np.sqrt(4.0 * ratios.sum()), exponent // 2)
         if not np.isfinite(fastest):
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"Stiffnesses {self.stiffnesses} with the mass {self.mass} make frequencies beyond "
                 "the largest number.",
                 remedy="State them in another unit of time, which changes the stiffness alone.",
@@ -161,7 +145,7 @@ class Lattice:
             # (7) w^2 = (4 K / M) sin^2(k a / 2), and k a / 2 = p pi / N closed, h pi / 4N else.
             # Never 2 - 2 cos(k a): at N = 1e8 that is wrong by a tenth.
             h = modes.half_periods[:, axis]
-            half_angle = sin_pi(h, n if ends == CLOSED else 4 * n)
+            half_angle = sin_pi(h, n if ends == topologies.CLOSED else 4 * n)
             omega_squared += (4.0 * ratio) * half_angle**2
         frequencies: Floats = np.ldexp(np.sqrt(omega_squared), exponent // 2)
         return frequencies
@@ -231,13 +215,13 @@ class Lattice:
             n = np.array([self.shape[axis] for axis in closed])
             n_waves = n_waves - ((2 * k % n == 0).all(axis=1) & (k != 0).any(axis=1))
         for axis, (ends, nodes) in enumerate(zip(self.topology.ends, self.shape, strict=True)):
-            if ends != CLOSED:
+            if ends != topologies.CLOSED:
                 n_waves = n_waves - (modes.half_periods[:, axis] == 2 * nodes)
-        return scales_of(n_waves)
+        return topologies.scales_of(n_waves)
 
     def _require(self, modes: ModeSet) -> None:
         if modes.topology is not self.topology and modes.topology != self.topology:
-            raise TopologyError(
+            raise errors.TopologyError(
                 f"Modes of a {modes.topology} have no place on a {self.topology} lattice.",
                 remedy="Choose the modes from the lattice itself, with `lowest_modes`.",
             )
@@ -266,20 +250,20 @@ def places_along(shape: tuple[int, ...], nodes: Ints | list[int]) -> list[Ints]:
     """
     n_nodes = math.prod(shape)
     if n_nodes >= 2**63:
-        raise LimitError(
+        raise errors.LimitError(
             f"A lattice of {shape} nodes has more than 64 bits number.",
             remedy="Evaluate the axes one by one, as curves.",
             limit="nodes",
         )
     numbers = np.asarray(nodes)
     if numbers.ndim != 1 or (numbers.size and numbers.dtype.kind not in "iu"):
-        raise ShapeError(
+        raise errors.ShapeError(
             f"Nodes are a list of integers, not {numbers.dtype} of the shape {numbers.shape}.",
             remedy="Number them row by row: node = row * N' + column.",
         )
     bad = np.flatnonzero((numbers < 0) | (numbers >= n_nodes))
     if bad.size:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"There is no node {numbers[bad[0]]} on a lattice of {n_nodes}.",
             remedy=f"Number nodes from 0 to {n_nodes - 1}.",
             vertex=int(numbers[bad[0]]),
@@ -299,18 +283,18 @@ def require_within_zone(modes: ModeSet, shape: tuple[int, ...]) -> None:
     """
     has_zeros = False
     for axis, (ends, n) in enumerate(zip(modes.topology.ends, shape, strict=True)):
-        least, most = (-((n - 1) // 2), n // 2) if ends == CLOSED else (0, n - 1)
+        least, most = (-((n - 1) // 2), n // 2) if ends == topologies.CLOSED else (0, n - 1)
         lowest, highest = modes.extents[axis]
         if lowest < least or highest > most:
             p = modes.wavenumbers[:, axis]
             beyond = np.flatnonzero((p < least) | (p > most))
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"Mode {modes.labels[beyond[0]]} is beyond what {n} nodes along axis {axis} "
                 f"resolve ({least} to {most}) and would alias into a lower mode.",
                 remedy="Ask for lower wavenumbers, or use more nodes.",
                 details={"axis": axis, "least": least, "most": most},
             )
-        has_zeros |= ends == CLOSED and (2 * highest == n or lowest == 0)
+        has_zeros |= ends == topologies.CLOSED and (2 * highest == n or lowest == 0)
     if has_zeros:
         _require_nonzero(modes, shape)
 
@@ -321,14 +305,16 @@ def _require_nonzero(modes: ModeSet, shape: tuple[int, ...]) -> None:
     n = np.array([shape[axis] for axis in closed], dtype=np.int64)
     zero = np.flatnonzero(modes.is_sine & (2 * modes.wavenumbers[:, closed] % n == 0).all(axis=1))
     if zero.size:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"Mode {modes.labels[zero[0]]} is zero at every node of a lattice of {shape} nodes.",
             remedy="Ask for its cosine alone.",
         )
 
 
 def modes_named(
-    topology: Topology, labels: list[ModeLabel], shape: tuple[int, ...] | None = None
+    topology: topologies.Topology,
+    labels: list[topologies.ModeLabel],
+    shape: tuple[int, ...] | None = None,
 ) -> ModeSet:
     """Modes with these labels, each checked to be a mode of the topology.
 
@@ -346,10 +332,10 @@ def modes_named(
         there is one.
     """
     for label in labels:
-        require_mode(topology, label)
+        topologies.require_mode(topology, label)
     modes = ModeSet.of(topology, labels)
     if shape is not None:
-        require_shape(topology, shape)
+        topologies.require_shape(topology, shape)
         require_within_zone(modes, shape)
     return modes
 
@@ -358,7 +344,7 @@ def modes_named(
 _BLOCK: Final = 1 << 20
 
 
-def require_frames(array: Any, name: str, length: int, of: str) -> NDArray[Any]:
+def require_frames(array: Any, name: str, length: int, of: str) -> Array:
     """Check an array of frames: (frames, `length`, directions), real numbers.
 
     Parameters
@@ -376,15 +362,15 @@ def require_frames(array: Any, name: str, length: int, of: str) -> NDArray[Any]:
     ShapeError
         If it is not a real array of that shape.
     """
-    frames: NDArray[Any] = np.asanyarray(array)
+    frames: Array = np.asanyarray(array)
     if frames.dtype.kind not in "fiu":
-        raise ShapeError(
+        raise errors.ShapeError(
             f"'{name}' contains {frames.dtype}, not real numbers.",
             remedy="Use float32 or float64.",
             details={"array": name, "dtype": str(frames.dtype)},
         )
     if frames.ndim != 3 or frames.shape[1] != length:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"'{name}' has the shape {frames.shape}, not (frames, {length} {of}, directions).",
             remedy="Put frames first and directions last; a single frame needs its axis too.",
             details={"array": name, "shape": list(frames.shape)},
@@ -399,7 +385,7 @@ def blocks(n_frames: int, frame_size: int) -> Iterator[slice]:
         yield slice(first, min(first + n, n_frames))
 
 
-def require_finite(result: NDArray[Any], source: NDArray[Any], first: int, of: str) -> None:
+def require_finite(result: Array, source: Array, first: int, of: str) -> None:
     """Refuse frames that are not finite, detected in a result to which every number adds.
 
     Looking at the few results costs nothing beside looking at every number of the source.
@@ -423,13 +409,13 @@ def require_finite(result: NDArray[Any], source: NDArray[Any], first: int, of: s
     bad = np.argwhere(~np.isfinite(source))
     if not bad.size:
         frame = int(np.argwhere(~np.isfinite(result))[0, 0])
-        raise NonFiniteError(
+        raise errors.NonFiniteError(
             f"The numbers of frame {first + frame} are finite, but too large for their sum.",
             remedy="Use a larger unit of length.",
             frame=first + frame,
         )
     frame, number, direction = (int(i) for i in bad[0])
-    raise NonFiniteError(
+    raise errors.NonFiniteError(
         f"Frame {first + frame}, {of} {number}: direction {direction} is "
         f"{source[frame, number, direction]}.",
         remedy="Repair or leave out the frame; missing numbers are not guessed.",
@@ -439,7 +425,7 @@ def require_finite(result: NDArray[Any], source: NDArray[Any], first: int, of: s
     )
 
 
-def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> Floats:
+def project(lattice: Lattice, modes: ModeSet, displacements: Array) -> Floats:
     """Amplitudes of modes in displacements, (2) inverted: a = Phi'u / nodes.
 
     Parameters
@@ -476,7 +462,7 @@ def project(lattice: Lattice, modes: ModeSet, displacements: NDArray[Any]) -> Fl
     return amplitudes
 
 
-def superpose(lattice: Lattice, modes: ModeSet, amplitudes: NDArray[Any]) -> Floats:
+def superpose(lattice: Lattice, modes: ModeSet, amplitudes: Array) -> Floats:
     """Displacements of modes with these amplitudes, modal superposition (2) u = Phi a.
 
     Parameters
@@ -508,7 +494,7 @@ def superpose(lattice: Lattice, modes: ModeSet, amplitudes: NDArray[Any]) -> Flo
     return displacements
 
 
-def project_all(lattice: Lattice, displacements: NDArray[Any]) -> Floats:
+def project_all(lattice: Lattice, displacements: Array) -> Floats:
     """Amplitudes of every mode of a lattice, (2) inverted: a = Phi'u / nodes.
 
     Parameters
@@ -545,7 +531,7 @@ def project_all(lattice: Lattice, displacements: NDArray[Any]) -> Floats:
     return amplitudes
 
 
-def superpose_all(lattice: Lattice, amplitudes: NDArray[Any]) -> Floats:
+def superpose_all(lattice: Lattice, amplitudes: Array) -> Floats:
     """Displacements of every mode of a lattice with these amplitudes, (2) u = Phi a.
 
     Parameters
@@ -570,7 +556,7 @@ def superpose_all(lattice: Lattice, amplitudes: NDArray[Any]) -> Floats:
     modes = lattice.all_modes()
     place, weights = _places(lattice, modes), lattice.scales(modes)
     for axis, (ends, n) in enumerate(zip(lattice.topology.ends, lattice.shape, strict=True)):
-        if ends != CLOSED:
+        if ends != topologies.CLOSED:
             # The transforms back count twice what is neither constant nor alternates.
             weights = weights * np.where(modes.half_periods[:, axis] % (2 * n), 0.5, 1.0)
     cosines, sines = np.flatnonzero(~modes.is_sine), np.flatnonzero(modes.is_sine)
@@ -591,40 +577,40 @@ def _places(lattice: Lattice, modes: ModeSet) -> Ints:
     return np.asarray(np.ravel_multi_index(tuple(p.T), lattice.shape))
 
 
-def _forward(lattice: Lattice, values: NDArray[Any]) -> NDArray[np.complex128]:
+def _forward(lattice: Lattice, values: Array) -> Complexes:
     """Sum displacements times cosine and minus i times sine of each wave: (nodes, directions)."""
     closed = lattice.topology.closed_axes
-    x: NDArray[Any] = values.astype(np.float64).reshape(*lattice.shape, -1)
+    x: Array = values.astype(np.float64).reshape(*lattice.shape, -1)
     # Node n = N of a closed axis is at the transform's origin, angle 0.
     x = scipy.fft.fftn(np.roll(x, (1,) * len(closed), axis=closed), axes=closed)
     for axis, ends in enumerate(lattice.topology.ends):
-        if ends == OPEN:
+        if ends == topologies.OPEN:
             x = scipy.fft.dct(x, type=2, axis=axis) / 2
-        elif ends != CLOSED:
+        elif ends != topologies.CLOSED:
             even, odd = _by_parity(x, axis + 1)
             even[...] = scipy.fft.dct(even, type=2, axis=axis) / 2
-            odd[...] = scipy.fft.dst(odd, type=4 if ends == POLE_OPEN else 2, axis=axis) / 2
+            odd[...] = (
+                scipy.fft.dst(odd, type=4 if ends == topologies.POLE_OPEN else 2, axis=axis) / 2
+            )
     return x.reshape(values.shape).astype(np.complex128, copy=False)
 
 
-def _backward(lattice: Lattice, spectrum: NDArray[np.complex128]) -> Floats:
+def _backward(lattice: Lattice, spectrum: Complexes) -> Floats:
     """Sum multiples of waves: (nodes, directions)."""
     closed = lattice.topology.closed_axes
     x = spectrum.reshape(*lattice.shape, -1)
     for axis, ends in enumerate(lattice.topology.ends):
-        if ends == OPEN:
+        if ends == topologies.OPEN:
             x = scipy.fft.dct(x, type=3, axis=axis)
-        elif ends != CLOSED:
+        elif ends != topologies.CLOSED:
             even, odd = _by_parity(x, axis + 1)
             even[...] = scipy.fft.dct(even, type=3, axis=axis)
-            odd[...] = scipy.fft.dst(odd, type=4 if ends == POLE_OPEN else 3, axis=axis)
+            odd[...] = scipy.fft.dst(odd, type=4 if ends == topologies.POLE_OPEN else 3, axis=axis)
     x = scipy.fft.ifftn(x, axes=closed, norm="forward", overwrite_x=True)
     return np.roll(x.real, (-1,) * len(closed), axis=closed).reshape(spectrum.shape)
 
 
-def _by_parity(
-    x: NDArray[np.complex128], axis: int
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def _by_parity(x: Complexes, axis: int) -> tuple[Complexes, Complexes]:
     """View the even and the odd wavenumbers along an axis."""
     before = (slice(None),) * axis
     return x[(*before, slice(0, None, 2))], x[(*before, slice(1, None, 2))]

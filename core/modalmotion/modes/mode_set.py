@@ -11,14 +11,13 @@ nodes or on the eigenvalues of the surface at hand, so a label keeps its place e
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.arguments.checking import whole
 from modalmotion.errors import LimitError, ModeCountError
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED,
     End,
     ModeLabel,
@@ -29,7 +28,7 @@ from modalmotion.modes.topology import (
     require_shape,
     scales_of,
 )
-from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
+from modalmotion.representation import Array, Bools, Floats, FrozenArrays, Ints, shown
 
 
 @shown("topology", "wavenumbers")
@@ -134,7 +133,7 @@ class ModeSet(FrozenArrays):
         return self
 
     @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> dict[str, Array]:
         """Datasets of the modes in files."""
         return {"wavenumbers": self.wavenumbers, "is_sine": self.is_sine.astype(np.uint8)}
 
@@ -234,7 +233,7 @@ class ModeSet(FrozenArrays):
         return 1.0
 
 
-def _each_once(*columns: NDArray[Any]) -> tuple[NDArray[Any], Ints]:
+def _each_once(*columns: Array) -> tuple[Array, Ints]:
     """Give different rows of columns once, a column each, and which of them each row is."""
     rows, own = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
     return rows.T, own.ravel()

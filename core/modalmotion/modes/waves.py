@@ -9,15 +9,14 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 from modalmotion.modes.lattice import Lattice, require_within_zone, sin_pi
 from modalmotion.modes.mode_set import ModeSet
-from modalmotion.modes.topology import CLOSED
-from modalmotion.representation import Floats, Ints
+from modalmotion.modes.topologies import CLOSED
+from modalmotion.representation import Complexes, Floats, Ints
 
-ComplexArray = NDArray[np.complex128]
+ComplexArray = Complexes
 Spacing = float | tuple[float, ...]
 
 

@@ -1,7 +1,7 @@
 """Deviation of a recording from one's own controls."""
 
 from modalmotion.arguments.checking import check_arguments
-from modalmotion.norm.deviation import (
+from modalmotion.norm.deviations import (
     CohortDeviation,
     Deviation,
     GroupDeviation,

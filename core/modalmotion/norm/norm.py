@@ -1,7 +1,5 @@
 """Controls of one's own, and recordings compared with them."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,20 +10,16 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion import errors, mesh
 from modalmotion.arguments.checking import Saved
-from modalmotion.classification.answer import signature_in
-from modalmotion.classification.card import require_model_name
+from modalmotion.classification import answer, card, model, motion_features
 from modalmotion.classification.cases import TrainingCase, as_case
 from modalmotion.classification.cohort import alike, conditions_of
-from modalmotion.classification.model import Readable
 from modalmotion.classification.motion import Motion
-from modalmotion.classification.motion_features import Extractor
 from modalmotion.clinical import Fraction, clinical_readouts
-from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.hdf5.image import Dataset, Form, json_text
-from modalmotion.mesh import UNKNOWN, Facts
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.norm.deviation import (
+from modalmotion.norm.deviations import (
     LEVEL,
     CohortDeviation,
     Deviation,
@@ -111,8 +105,8 @@ class Norm(Saved):
     """
 
     name: str
-    readable: Readable
-    extractor: Extractor
+    readable: model.Readable
+    extractor: motion_features.Extractor
     columns: tuple[str, ...]
     controls: tuple[Reading, ...]
     notes: tuple[Note, ...] = ()
@@ -157,13 +151,13 @@ class Norm(Saved):
         ModalMotionError
             If it cannot be fitted, or has other modes.
         """
-        signature = signature_in(self.readable, recording, name)
+        signature = answer.signature_in(self.readable, recording, name)
         sequence = recording if isinstance(recording, MeshSequence) else sequence
         reading = reading_of(signature, sequence, self.extractor, subject=subject, name=name)
         own = reading.conditions["tracking"]
         theirs = {str(one.conditions["tracking"]) for one in self.controls}
-        if UNKNOWN not in {*theirs, own} and own not in theirs:
-            raise ParameterError(
+        if mesh.UNKNOWN not in {*theirs, own} and own not in theirs:
+            raise errors.ParameterError(
                 f"The tracking of this recording is {own}, that of the controls "
                 f"{' or '.join(sorted(theirs))}.",
                 remedy="Compare it with controls that were made in the same way.",
@@ -196,7 +190,7 @@ class Norm(Saved):
             recording does not compare.
         """
         if not 0.0 < level <= 0.5:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The level is {numeral(level)}.",
                 remedy="Use a share of false alarms between 0 and 0.5, such as 0.05.",
                 details={"option": "level"},
@@ -205,7 +199,7 @@ class Norm(Saved):
         controls = [one for one in self.controls if not _same(one, own)]
         n, fewest = len(controls), fewest_controls(level)
         if n < fewest:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The norm has {counted(n, 'control')} for this recording; a level of {level:g} "
                 f"needs {fewest}.",
                 remedy=f"Add {counted(fewest - n, 'control')}, or state a level of at least "
@@ -271,7 +265,7 @@ class Norm(Saved):
 def reading_of(
     signature: ModalSignature,
     sequence: MeshSequence | None,
-    extractor: Extractor,
+    extractor: motion_features.Extractor,
     *,
     subject: str | None = None,
     name: str = "",
@@ -290,7 +284,7 @@ def reading_of(
     facts, quantities, fraction = signature.facts, np.full(len(QUANTITIES), math.nan), None
     try:
         readouts = None if sequence is None else clinical_readouts(signature, sequence)
-    except (TopologyError, ParameterError):
+    except (errors.TopologyError, errors.ParameterError):
         readouts = None
     if readouts is not None and readouts.stated.share is not None:
         curve, ml = readouts.stated, math.nan if readouts.unit is None else readouts.millilitres
@@ -524,9 +518,9 @@ def norm_from_hdf5(source: bytes | Path) -> Norm:
         values = contents.array("values", (len(texts), len(columns)))
         quantities = contents.array("quantities", (len(texts), len(QUANTITIES)))
         norm = Norm(
-            name=require_model_name(contents.text("name")),
-            readable=Readable.from_json(contents.json("readable", dict)),
-            extractor=Extractor.from_json(contents.json("extractor", dict)),
+            name=card.require_model_name(contents.text("name")),
+            readable=model.Readable.from_json(contents.json("readable", dict)),
+            extractor=motion_features.Extractor.from_json(contents.json("extractor", dict)),
             columns=columns,
             controls=tuple(
                 Reading(
@@ -588,7 +582,7 @@ def train_norm(
     # Here, for scikit-learn takes a second, and whoever reads a norm needs none of it.
     from modalmotion.classification.scikit_learn import SignatureFeatures
 
-    require_model_name(name)
+    card.require_model_name(name)
     cases = [as_case(one, number) for number, one in enumerate(controls)]
     _require_people(cases)
     transformer = SignatureFeatures(modes=modes, topology=topology)
@@ -625,7 +619,7 @@ def train_norm(
 
 
 def parameters_of_controls(
-    parameters: SignatureParameters, facts: Iterable[Facts]
+    parameters: SignatureParameters, facts: Iterable[mesh.Facts]
 ) -> SignatureParameters:
     """Choose the kind that controls are read with: normal displacements if points of one slide."""
     if any(one.tracking == SignatureKind.NORMAL_DISPLACEMENT.value for one in facts):
@@ -635,7 +629,7 @@ def parameters_of_controls(
 
 def _require_people(cases: list[TrainingCase]) -> None:
     if len(cases) < FEWEST_CONTROLS:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"A norm of {counted(len(cases), 'control')} is too small.",
             remedy=f"Give at least {FEWEST_CONTROLS}, and {fewest_controls(LEVEL)} for the usual "
             f"level of {LEVEL}.",
@@ -647,7 +641,7 @@ def _require_people(cases: list[TrainingCase]) -> None:
         own = motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
         for key in filter(None, (own, case.subject and f"subject {case.subject}")):
             if key in seen:
-                raise ParameterError(
+                raise errors.ParameterError(
                     f"{case.name} and {seen[key]} are recordings of one person.",
                     remedy="Give one recording of each control: two of one are too much alike.",
                     details={"case": case.name},

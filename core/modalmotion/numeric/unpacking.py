@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError
+from modalmotion.representation import Bytes
 
 Packing = Literal["gzip", "zlib"]
 
@@ -19,7 +19,7 @@ PIECE: Final = 1 << 20
 """Bytes that are taken from a decompressor at once."""
 
 
-def unpacked(data: bytes, packing: Packing, n_bytes: int, start: int = 0) -> NDArray[np.uint8]:
+def unpacked(data: bytes, packing: Packing, n_bytes: int, start: int = 0) -> Bytes:
     """Unpack to a declared size.
 
     Parameters
@@ -60,7 +60,7 @@ def unpacked_head(data: bytes, packing: Packing, most: int, start: int = 0) -> b
     return head
 
 
-def filled(pieces: Iterable[bytes], n_bytes: int, n_packed: int) -> NDArray[np.uint8]:
+def filled(pieces: Iterable[bytes], n_bytes: int, n_packed: int) -> Bytes:
     """Join pieces that a header declares the size of.
 
     Parameters

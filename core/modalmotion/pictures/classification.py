@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from modalmotion.classification.answer import Classification
+from modalmotion.classification import answer, performance
 from modalmotion.classification.card import ModelCard
-from modalmotion.classification.performance import wilson_interval
-from modalmotion.pictures.view import lighten, new_figure
+from modalmotion.pictures.views import lighten, new_figure
 from modalmotion.representation import numeral, probability
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ _LETTERS_PER_INCH: Final = 14.5
 _LINE: Final = 0.17
 
 
-def answer_figure(result: Classification) -> Figure:
+def answer_figure(result: answer.Classification) -> Figure:
     """Draw the probability of each class, the class set, and the reasons of the prediction.
 
     Below are the first notes: why there is no class, or why no class is in the set, and how an
@@ -75,7 +74,7 @@ def answer_figure(result: Classification) -> Figure:
     return figure
 
 
-def _draw_classes(axes: Any, result: Classification) -> None:
+def _draw_classes(axes: Any, result: answer.Classification) -> None:
     shares = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
     ranked = sorted(shares, key=lambda name: -shares[name])[:_MOST_CLASSES][::-1]
     colours = [_IN_SET if name in result.class_set else _RULED_OUT for name in ranked]
@@ -89,7 +88,7 @@ def _draw_classes(axes: Any, result: Classification) -> None:
     _plain(axes)
 
 
-def _draw_modes(axes: Any, result: Classification) -> None:
+def _draw_modes(axes: Any, result: answer.Classification) -> None:
     parts = result.explanation[:_MOST_MODES][::-1]
     scores = [part.score for part in parts]
     colours = [_IN_SET if score >= 0 else _AGAINST for score in scores]
@@ -250,7 +249,7 @@ def _draw_calibration(
     probability, share, n_cases = (np.array(column) for column in zip(*bins, strict=True))
     axes.plot([0, 1], [0, 1], color=_SOFT, linewidth=1, linestyle="--", label="as stated")
     # Repetitions are on the same cases.
-    low, high = wilson_interval(share, n_cases / n_repetitions)
+    low, high = performance.wilson_interval(share, n_cases / n_repetitions)
     reach = np.maximum([share - low, high - share], 0.0)
     style = {"color": _BLUE, "marker": "o", "linewidth": 1.5, "capsize": 2, "elinewidth": 1}
     words = "measured, with its 95 % interval"

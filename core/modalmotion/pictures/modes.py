@@ -8,23 +8,13 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.errors import TopologyError
-from modalmotion.mesh import face_normals
-from modalmotion.modes.topology import CLOSED, CLOSED_CURVE
+from modalmotion import errors, mesh
+from modalmotion.modes.topologies import CLOSED, CLOSED_CURVE
 from modalmotion.numeric.scales import lengths
-from modalmotion.pictures.view import (
-    drawn_vertices,
-    faces_viewer,
-    fill_cube,
-    new_figure,
-    size_of,
-    tilted,
-    upright,
-)
-from modalmotion.representation import Floats, counted, numeral
-from modalmotion.template.surface import corner_steps
+from modalmotion.pictures import views
+from modalmotion.representation import Bytes, Floats, counted, numeral
+from modalmotion.template.surfaces import corner_steps
 from modalmotion.template.template import Template
 from modalmotion.template.vibration_modes import VibrationModes
 
@@ -56,7 +46,7 @@ def modes_figure(template: Template, modes: VibrationModes) -> Figure:
     n = min(len(modes), _MOST_PANELS)
     rows = math.ceil(n / _MOST_COLUMNS)
     columns = math.ceil(n / rows)
-    figure = new_figure(2.3 * columns + 1.0, 2.6 * rows + 0.7)
+    figure = views.new_figure(2.3 * columns + 1.0, 2.6 * rows + 0.7)
     is_surface = len(template.faces) > 0
     largest = float(np.abs(modes.shapes[:, :n]).max())
     from matplotlib.cm import ScalarMappable
@@ -99,12 +89,12 @@ def draw_shape(panel: Any, template: Template, phi: Floats, scale: Any) -> None:
 
     is_sheet = template.surface is not None and not template.surface.closed_axes
     # A sheet is seen along its normal.
-    view = tilted(upright(template), 0.0 if is_sheet else _TILT)
-    vertices = drawn_vertices(panel, template, view)
+    view = views.tilted(views.upright(template), 0.0 if is_sheet else _TILT)
+    vertices = views.drawn_vertices(panel, template, view)
     shown = template.faces
     # A tube shows its inside as well, a closed surface only its outside.
     if template.surface is not None and all(e == CLOSED for e in template.surface.ends):
-        shown = shown[faces_viewer(vertices, template)]
+        shown = shown[views.faces_viewer(vertices, template)]
     colours = scale.to_rgba(phi[shown].mean(axis=1))
     panel.add_collection3d(
         Poly3DCollection(vertices[shown], facecolors=colours, edgecolors=colours, linewidths=0.3)
@@ -146,13 +136,13 @@ def template_figure(template: Template) -> Figure:
     """
     topology = template.topology
     if not len(template.faces):
-        raise TopologyError(
+        raise errors.TopologyError(
             "There are no triangles to draw the natural coordinates on.",
             remedy="Draw the template of a surface.",
         )
-    view = upright(template)
+    view = views.upright(template)
     names = _names(topology.n_axes, len(topology.closed_axes))
-    figure = new_figure(13.0, 3.8)
+    figure = views.new_figure(13.0, 3.8)
     for axis in range(topology.n_axes):
         closed = topology.ends[axis] == CLOSED
         scale: Any = None
@@ -160,7 +150,7 @@ def template_figure(template: Template) -> Figure:
         for side in (0, 1):
             panel: Any = figure.add_subplot(1, 4, 2 * axis + side + 1, projection="3d")
             turn = np.diag([-1.0, -1.0, 1.0]) if side else np.eye(3)
-            scale = _draw(panel, template, axis, closed, tilted(view @ turn))
+            scale = _draw(panel, template, axis, closed, views.tilted(view @ turn))
             panel.set_title(f"{names[axis]}, {('front', 'back')[side]}", fontsize=10)
             panels.append(panel)
         label = f"{names[axis]} (turns)" if closed else names[axis]
@@ -189,9 +179,9 @@ def _draw(panel: Any, template: Template, axis: int, closed: bool, view: Floats)
     from matplotlib.colors import BoundaryNorm, to_rgba
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    vertices = drawn_vertices(panel, template, view)
+    vertices = views.drawn_vertices(panel, template, view)
     # Triangles that face away are not drawn.
-    ahead = faces_viewer(vertices, template)
+    ahead = views.faces_viewer(vertices, template)
     faces, column = template.faces[ahead], template.coordinates[:, axis]
     # An angle has no jump inside a triangle.
     steps = corner_steps(column, faces) if closed else column[faces] - column[faces][:, :1]
@@ -211,8 +201,8 @@ def _draw(panel: Any, template: Template, axis: int, closed: bool, view: Floats)
     if template.landmarks is not None and template.topology.closed_axes:
         panel.computed_zorder = False
         used = np.unique(template.faces)
-        plain = template.landmarks.origin / size_of(template)
-        origin = (plain - (template.vertices[used] / size_of(template)).mean(axis=0)) @ view
+        plain = template.landmarks.origin / views.size_of(template)
+        origin = (plain - (template.vertices[used] / views.size_of(template)).mean(axis=0)) @ view
         reach = 1.2 * (vertices[used, 2].max() - origin[2])
         tip = origin + reach * (template.landmarks.axis @ view)
         panel.plot(*np.stack([origin, tip], axis=1), color="black", linewidth=1.2, zorder=0)
@@ -231,7 +221,7 @@ _LIGHT: Final = np.array([-0.48, -0.6, 0.64])
 
 def draw_frames(
     template: Template, positions: Iterable[Floats], heights: Iterable[Floats], extent: Extent
-) -> Iterator[NDArray[np.uint8]]:
+) -> Iterator[Bytes]:
     """Draw each frame, coloured by the displacement of its vertices.
 
     Parameters
@@ -248,7 +238,7 @@ def draw_frames(
     ------
     (height, width, 3) uint8
     """
-    figure = new_figure(_INCHES, _INCHES, dpi=_DPI, layout=None)
+    figure = views.new_figure(_INCHES, _INCHES, dpi=_DPI, layout=None)
     panel: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")
     for x, height in zip(positions, heights, strict=True):
         panel.clear()
@@ -256,7 +246,7 @@ def draw_frames(
         yield pixels_of(figure)
 
 
-def pixels_of(figure: Figure) -> NDArray[np.uint8]:
+def pixels_of(figure: Figure) -> Bytes:
     """Draw a figure to pixels, (height, width, 3) uint8."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -279,8 +269,12 @@ class Extent:
         self, template: Template, positions: Iterable[Floats], heights: Iterable[Floats]
     ) -> None:
         is_sheet = template.surface is not None and not template.surface.closed_axes
-        own = upright(template)
-        self.view = tilted(own @ _TURN_OF_SHEET, _TILT_OF_SHEET) if is_sheet else tilted(own, _TILT)
+        own = views.upright(template)
+        self.view = (
+            views.tilted(own @ _TURN_OF_SHEET, _TILT_OF_SHEET)
+            if is_sheet
+            else views.tilted(own, _TILT)
+        )
         self.size = float(np.abs(template.vertices).max()) or 1.0
         corners = []
         for x in positions:
@@ -305,12 +299,12 @@ def draw_moved(panel: Any, template: Template, x: Floats, height: Floats, extent
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     shown = x / extent.size @ extent.view
-    fill_cube(panel, extent.box)
+    views.fill_cube(panel, extent.box)
     colours = colormaps[COLOURS]
     if len(template.faces):
         values = height[template.faces].mean(axis=1)
         of_faces = colours(0.5 + 0.5 * values / extent.largest)
-        normals = face_normals(shown, template.faces)
+        normals = mesh.face_normals(shown, template.faces)
         steep = np.abs(normals @ _LIGHT) / np.maximum(lengths(normals), 1e-300)
         of_faces[:, :3] *= (0.7 + 0.3 * steep)[:, None]
         drawn: Any = Poly3DCollection(
@@ -328,7 +322,7 @@ def draw_moved(panel: Any, template: Template, x: Floats, height: Floats, extent
     panel.add_collection3d(drawn)
 
 
-def write_gif(pictures: Iterable[NDArray[np.uint8]], seconds: float) -> bytes:
+def write_gif(pictures: Iterable[Bytes], seconds: float) -> bytes:
     """Write pictures as a GIF that repeats.
 
     Parameters

@@ -6,13 +6,12 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS, Strain
-from modalmotion.pictures.view import lighten, new_figure
-from modalmotion.representation import Floats, numeral
+from modalmotion.pictures.views import lighten, new_figure
+from modalmotion.representation import Array, Floats, numeral
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -120,7 +119,7 @@ def draw_strain(axes: Axes, strain: Strain, times: Floats | None) -> None:
     lighten(axes)
 
 
-def mark_moments(axes: Axes, at: NDArray[Any], start: int, end: int) -> None:
+def mark_moments(axes: Axes, at: Array, start: int, end: int) -> None:
     """Name end diastole and end systole, two frames, above curves over `at`."""
     for frame, name in ((start, "ED"), (end, "ES")):
         axes.axvline(at[frame], color=_SOFT, lw=0.6, ls=":")

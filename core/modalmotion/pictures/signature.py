@@ -6,24 +6,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from modalmotion.mesh import lattice_faces
-from modalmotion.mesh.alignment import reference_positions
+from modalmotion.mesh import alignment, lattice_faces
 from modalmotion.mesh.sequence import MEAN, MM_PER_UNIT, MeshSequence
-from modalmotion.pictures.view import (
-    ShownUnit,
-    apex_down,
-    draw_scale,
-    fill_cube,
-    lighten,
-    new_figure,
-    shown_unit,
-)
+from modalmotion.pictures import views
 from modalmotion.representation import Floats, Ints, counted, numeral
-from modalmotion.signature.choice import NUMBERS, SceneKind
+from modalmotion.signature import choice, nested_modes, reconstruction
 from modalmotion.signature.making import ModalSignature, SignatureKind, resolve_sequence
 from modalmotion.signature.mode_names import COLOURS, mode_colour, mode_dash, plain_name
-from modalmotion.signature.nested_modes import n_functions
-from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.signature.tradeoff import Front, Tradeoff
 
 if TYPE_CHECKING:
@@ -50,7 +39,7 @@ def main_trajectories(signature: ModalSignature) -> Floats:
     return np.where(farthest < 0.0, -trajectories, trajectories)
 
 
-def draw_trajectories(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
+def draw_trajectories(axes: Any, signature: ModalSignature, shown: views.ShownUnit) -> None:
     """Draw amplitudes over time, the largest modes in colour."""
     at, label = _times(signature)
     trajectories, colours = main_trajectories(signature) / shown.size, _colours(signature)
@@ -68,10 +57,10 @@ def draw_trajectories(axes: Any, signature: ModalSignature, shown: ShownUnit) ->
         )
     axes.set_title("Amplitudes, each along its main direction", fontsize=10)
     axes.set(xlabel=label, ylabel=shown.name)
-    lighten(axes)
+    views.lighten(axes)
 
 
-def draw_spectrum(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
+def draw_spectrum(axes: Any, signature: ModalSignature, shown: views.ShownUnit) -> None:
     """Draw the deformation spectrum, a bar for each mode in the order of the signature."""
     spectrum = signature.deformation_spectrum / shown.size
     places = np.arange(len(spectrum))
@@ -83,10 +72,10 @@ def draw_spectrum(axes: Any, signature: ModalSignature, shown: ShownUnit) -> Non
         axes.set_ylabel("mode, by its place in the signature")
     axes.set_title("Deformation spectrum: RMS over frames", fontsize=10)
     axes.set_xlabel(shown.name)
-    lighten(axes, grid="x")
+    views.lighten(axes, grid="x")
 
 
-def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
+def draw_errors(axes: Any, signature: ModalSignature, shown: views.ShownUnit) -> None:
     """Draw the motion of the surface in each frame, and the error of the amplitudes."""
     at, label = _times(signature)
     marker = _marker(at)
@@ -104,7 +93,7 @@ def draw_errors(axes: Any, signature: ModalSignature, shown: ShownUnit) -> None:
     axes.set(xlabel=label, ylabel=shown.name)
     # There is space for the legend above the curves.
     axes.set_ylim(0.0, 1.18 * max(float(motion.max()), float(largest.max())) or 1.0)
-    lighten(axes)
+    views.lighten(axes)
     axes.legend(fontsize=8, frameon=False, ncols=3, loc="upper center", columnspacing=1.2)
 
 
@@ -164,7 +153,7 @@ def signature_figure(sequence: MeshSequence, signature: ModalSignature) -> Figur
     -------
     matplotlib.figure.Figure
     """
-    figure = new_figure(14.0, 8.4)
+    figure = views.new_figure(14.0, 8.4)
     above, below = figure.subfigures(2, 1, height_ratios=(1.15, 1.0), squeeze=False)[:, 0]
     _draw_surfaces(above, sequence, signature, _shown_unit(signature))
     _draw_amplitudes(below, signature)
@@ -183,7 +172,7 @@ def amplitudes_figure(signature: ModalSignature) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    figure = new_figure(14.0, 4.0)
+    figure = views.new_figure(14.0, 4.0)
     _draw_amplitudes(figure, signature)
     figure.suptitle(_title(signature), fontsize=12)
     return figure
@@ -197,9 +186,9 @@ def _draw_amplitudes(figure: Any, signature: ModalSignature) -> None:
     draw_errors(errors, signature, shown)
 
 
-def _shown_unit(signature: ModalSignature) -> ShownUnit:
+def _shown_unit(signature: ModalSignature) -> views.ShownUnit:
     largest = max(float(signature.motion_rms.max()), signature.max_error)
-    return shown_unit(largest, signature.unit)
+    return views.shown_unit(largest, signature.unit)
 
 
 def _title(signature: ModalSignature) -> str:
@@ -211,13 +200,13 @@ def _title(signature: ModalSignature) -> str:
 
 
 def _draw_surfaces(
-    figure: Any, sequence: MeshSequence, signature: ModalSignature, shown: ShownUnit
+    figure: Any, sequence: MeshSequence, signature: ModalSignature, shown: views.ShownUnit
 ) -> None:
     # Farthest from the reference: end systole for a ventricle.
     frame = int(np.argmax(signature.motion_rms))
-    reference = reference_positions(sequence, signature.parameters.reference)
+    reference = alignment.reference_positions(sequence, signature.parameters.reference)
     true = sequence.vertices[frame].astype(np.float64)
-    superposed = reconstruct(signature, sequence, [frame])[0]
+    superposed = reconstruction.reconstruct(signature, sequence, [frame])[0]
     # Divided first: squares of very large or very small numbers overflow or vanish.
     error = np.linalg.norm(superposed / shown.size - true / shown.size, axis=1)
     moved, left, most = (
@@ -234,7 +223,7 @@ def _draw_surfaces(
     ]
     # Surfaces have no axes, and so no unit.
     size = float(max(np.abs(reference).max(), np.abs(true).max())) or 1.0
-    view = apex_down(reference / size)
+    view = views.apex_down(reference / size)
     box = np.concatenate([reference, true]) / size @ view
     faces = _faces(sequence, signature)
     for column, (vertices, values, title) in enumerate(panels):
@@ -246,7 +235,7 @@ def _draw_surfaces(
                 "unit": sequence.unit,
                 "coordinates": sequence.facts.coordinates,
             }
-            draw_scale(axis, box, view, size=size, azimuth=_AZIMUTH, **stated)
+            views.draw_scale(axis, box, view, size=size, azimuth=_AZIMUTH, **stated)
         if values is not None:
             label = f"distance to true vertex ({shown.name})"
             figure.colorbar(drawn, ax=axis, shrink=0.7, pad=0.02, label=label)
@@ -266,7 +255,7 @@ def _draw(axis: Any, vertices: Floats, faces: Ints, values: Floats | None, box: 
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    fill_cube(axis, box, _ELEVATION, _AZIMUTH)
+    views.fill_cube(axis, box, _ELEVATION, _AZIMUTH)
     if not len(faces):
         segments = np.stack([vertices[:-1], vertices[1:]], axis=1)
         drawn = Line3DCollection(segments, colors=_REFERENCE, linewidths=1.5)
@@ -315,11 +304,11 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
     """
     front = tradeoff.front
     factor = 1.0 if front.unit is None else MM_PER_UNIT[front.unit]
-    shown = shown_unit(factor * front.motion_rms, None if front.unit is None else "mm")
+    shown = views.shown_unit(factor * front.motion_rms, None if front.unit is None else "mm")
     unit = shown.name
     factor /= shown.size
     has_times = bool(tradeoff.fit_milliseconds)
-    figure = new_figure(14.0 if has_times else 10.0, 4.6)
+    figure = views.new_figure(14.0 if has_times else 10.0, 4.6)
     panels: list[Any] = [figure.add_subplot(1, 3 if has_times else 2, 1)]
     panels.append(figure.add_subplot(1, 3 if has_times else 2, 2, sharey=panels[0]))
     for number, branch in enumerate(front.branches):
@@ -370,7 +359,7 @@ def tradeoff_figure(tradeoff: Tradeoff) -> Figure:
 def _lower_hull(front: Front) -> tuple[Floats, Floats]:
     """Bytes and error of the points that no other point beats in both."""
     points = [
-        (8.0 * 3 * count * min(n_functions(h), front.n_frames), float(error))
+        (8.0 * 3 * count * min(nested_modes.n_functions(h), front.n_frames), float(error))
         for branch in front.branches
         for count, row in zip(branch.counts.tolist(), branch.joint_rms, strict=True)
         for h, error in enumerate(row)
@@ -386,8 +375,8 @@ def _lower_hull(front: Front) -> tuple[Floats, Floats]:
 
 def _simple_kinds(panels: list[Any], tradeoff: Tradeoff, factor: float) -> None:
     """Mark the motions described by a fixed count of numbers."""
-    for kind in (SceneKind.RIGID, SceneKind.AFFINE):
-        numbers, error = NUMBERS[kind], factor * tradeoff.scene[kind].rms
+    for kind in (choice.SceneKind.RIGID, choice.SceneKind.AFFINE):
+        numbers, error = choice.NUMBERS[kind], factor * tradeoff.scene[kind].rms
         if error <= _SMALLEST_SHARE * factor * tradeoff.front.motion_rms:
             continue
         for panel, x in ((panels[0], numbers), (panels[1], 8 * numbers * tradeoff.front.n_frames)):
@@ -439,7 +428,7 @@ def _plain_ticks(axis: Any, at: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _tradeoff_title(tradeoff: Tradeoff, shown: ShownUnit, factor: float) -> str:
+def _tradeoff_title(tradeoff: Tradeoff, shown: views.ShownUnit, factor: float) -> str:
     front, chosen = tradeoff.front, tradeoff.chosen
     price, unit = chosen.price, shown.name
     rms, p95, largest = (

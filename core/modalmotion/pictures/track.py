@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.volume import Image
 from modalmotion.mesh.geometry import Edges
 from modalmotion.pictures.modes import pixels_of, write_gif
-from modalmotion.pictures.view import new_figure, shown_unit, size_of, tilted, upright
-from modalmotion.representation import Floats, numeral
+from modalmotion.pictures.views import new_figure, shown_unit, size_of, tilted, upright
+from modalmotion.representation import Bytes, Floats, numeral
 from modalmotion.tracking.result import STRAY, Track
 
 if TYPE_CHECKING:
@@ -221,7 +220,7 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
     overlay = _Overlay(track, images.sliced())
     n = overlay.n_planes
 
-    def drawn(k: int) -> NDArray[np.uint8]:
+    def drawn(k: int) -> Bytes:
         figure = new_figure(2.4 * n, 2.6, dpi=100)
         overlay.draw(k, [figure.add_subplot(1, n, place) for place in range(1, n + 1)])
         return pixels_of(figure)

@@ -4,8 +4,6 @@ LOINC stands only where the sender states cavity and modality, since its terms n
 else has a code of our own.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from dataclasses import dataclass
@@ -14,15 +12,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from modalmotion import clinical, errors, mesh, norm
 from modalmotion.classification.answer import Classification
-from modalmotion.clinical import ClinicalReadouts, clinical_readouts
 from modalmotion.clinical.strain import DEFINITIONS
 from modalmotion.clinical.ventricle import VentricleReadouts, ventricle_readouts
-from modalmotion.errors import InputError, ParameterError
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.norm import Deviation
 from modalmotion.representation import shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template import Template
@@ -58,10 +53,10 @@ class Report:
 
     signature: ModalSignature
     sequence: MeshSequence
-    readouts: ClinicalReadouts | None
+    readouts: clinical.ClinicalReadouts | None
     ventricle: VentricleReadouts | None
     classification: Classification | None
-    deviation: Deviation | None
+    deviation: norm.Deviation | None
     issued: datetime
     absent: tuple[str, ...]
     name: str = ""
@@ -107,7 +102,7 @@ def report_of(
     issued: datetime,
     template: Template | None = None,
     classification: Classification | None = None,
-    deviation: Deviation | None = None,
+    deviation: norm.Deviation | None = None,
 ) -> Report:
     """Gather the content of a report.
 
@@ -129,7 +124,7 @@ def report_of(
         If the time has no zone, or a part is of another recording.
     """
     if issued.tzinfo is None:
-        raise ParameterError(
+        raise errors.ParameterError(
             "The time of the report has no zone.",
             remedy="Give datetime.now(UTC), or a time with its offset such as "
             "2026-01-31T12:00:00+01:00.",
@@ -137,7 +132,7 @@ def report_of(
         )
     for name, part in (("classification", classification), ("deviation", deviation)):
         if part is not None and part.sequence_id != signature.sequence_id:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The {name} is of the sequence {part.sequence_id[:12]}, the signature of "
                 f"{signature.sequence_id[:12]}.",
                 remedy="Give results of one recording.",
@@ -145,9 +140,9 @@ def report_of(
     absent = []
     readouts = ventricle = None
     try:
-        readouts = clinical_readouts(signature, sequence, template=template)
+        readouts = clinical.clinical_readouts(signature, sequence, template=template)
         ventricle = ventricle_readouts(signature, sequence, readouts, template=template)
-    except InputError as error:
+    except errors.InputError as error:
         absent.append(error.message)
     if ventricle is not None:
         absent += map(str, ventricle.reasons)
@@ -348,7 +343,7 @@ def code_systems() -> list[dict[str, Any]]:
     ]
 
 
-def concept(code: str, facts: Facts | None = None, text: str | None = None) -> dict[str, Any]:
+def concept(code: str, facts: mesh.Facts | None = None, text: str | None = None) -> dict[str, Any]:
     """Return the CodeableConcept of a code.
 
     Parameters

@@ -1,7 +1,5 @@
 """Reports as DICOM objects: measurements and surfaces of a study."""
 
-from __future__ import annotations
-
 import io
 import logging
 import uuid
@@ -11,25 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.errors import MalformedFileError, ParameterError, needs_extra
-from modalmotion.formats import Parser
-from modalmotion.formats.frame_files import stored_zip
+from modalmotion import errors, formats, mesh
+from modalmotion.formats import frame_files
 from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.text_meshes import write_stl
 from modalmotion.formats.volumes.stack import unheard
 from modalmotion.limits import DEFAULT_LIMITS
-from modalmotion.mesh import Facts
-from modalmotion.reports.content import (
-    DICOM,
-    LOINC,
-    OWN,
-    SYSTEM,
-    Number,
-    Report,
-    concept,
-    moments_of,
-    numbers_of,
-)
+from modalmotion.reports import content
 from modalmotion.representation import shown
 
 
@@ -65,7 +51,7 @@ class Study:
         return found
 
 
-def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
+def read_study(source: bytes | Path, *, parser: formats.Parser | None = None) -> Study:
     """Read the header of an instance, in a disposable process.
 
     Parameters
@@ -83,7 +69,7 @@ def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
     try:
         data = source.read_bytes() if isinstance(source, Path) else source
     except OSError as error:
-        raise MalformedFileError(
+        raise errors.MalformedFileError(
             f"The instance cannot be read: {error.strerror}.", remedy="Name a DICOM file."
         ) from error
     if parser is None:
@@ -92,7 +78,7 @@ def read_study(source: bytes | Path, *, parser: Parser | None = None) -> Study:
     return Study(parser.parse("study", data).info["header"])
 
 
-def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
+def dicom_instances(report: content.Report, study: Study) -> dict[str, bytes]:
     """Write a report as objects of the patient's study.
 
     Parameters
@@ -115,7 +101,7 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
         If a package is absent.
     """
     require_space(report.sequence.facts, report.sequence.unit)
-    with needs_extra("dicom"):
+    with errors.needs_extra("dicom"):
         import highdicom  # noqa: F401 (its modules log from here on)
         import pydicom  # noqa: F401
 
@@ -124,7 +110,7 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
     with unheard(*loggers):
         written = {"report.dcm": structured_report(report, study)}
         # Points without triangles are not a surface.
-        moments = moments_of(report) if len(report.sequence.faces) else []
+        moments = content.moments_of(report) if len(report.sequence.faces) else []
         for number, (frame, name) in enumerate(moments, 1):
             file = f"{name.replace(' ', '-')}.dcm"
             written[file] = surface_instance(report, study, frame, name, number)
@@ -136,12 +122,12 @@ def dicom_instances(report: Report, study: Study) -> dict[str, bytes]:
     return files
 
 
-def dicom_zip(report: Report, study: Study) -> bytes:
+def dicom_zip(report: content.Report, study: Study) -> bytes:
     """Write the objects of `dicom_instances` as one zip, the same bytes for the same objects."""
-    return stored_zip(dicom_instances(report, study), zipfile.ZIP_DEFLATED)
+    return frame_files.stored_zip(dicom_instances(report, study), zipfile.ZIP_DEFLATED)
 
 
-def require_space(facts: Facts, unit: str | None) -> None:
+def require_space(facts: mesh.Facts, unit: str | None) -> None:
     """Check that coordinates are patient coordinates of DICOM.
 
     Raises
@@ -151,14 +137,14 @@ def require_space(facts: Facts, unit: str | None) -> None:
     """
     if facts.coordinates != "LPS":
         stated = "are not stated" if facts.coordinates == "unknown" else f"are {facts.coordinates}"
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The coordinates {stated}; an object of a study must be in LPS.",
             remedy="State coordinates=LPS if x goes to the patient's left, y to the back and z to "
             "the head, in the space of the study's images; otherwise convert the points first.",
             details={"fact": "coordinates"},
         )
     if unit != "mm":
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The unit is {unit or 'unknown'}; an object of a study must be in mm.",
             remedy="State unit=mm, or send the points in mm.",
             details={"fact": "unit"},
@@ -168,13 +154,13 @@ def require_space(facts: Facts, unit: str | None) -> None:
 SCHEME: Final = "99MODALMOTION"
 """Of our own codes; DICOM requires 99 before unregistered ones."""
 
-_NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, f"{SYSTEM}:dicom")
+_NAMESPACE: Final = uuid.uuid5(uuid.NAMESPACE_OID, f"{content.SYSTEM}:dicom")
 _LIBRARIES: Final = ("highdicom", "pydicom")
 # Longest code and longest meaning.
 _MEANING: Final = 64
 
 
-def uid_of(report: Report, study: Study, name: str) -> str:
+def uid_of(report: content.Report, study: Study, name: str) -> str:
     """Return the UID of an object: of the report, the study and the object's name.
 
     Of the form 2.25 (PS3.5, B.2), which needs no registered root.
@@ -187,18 +173,18 @@ def own_code(code: str, meaning: str | None = None) -> Any:
     """Return a code of our own table."""
     from highdicom import sr
 
-    said = OWN[code] if meaning is None else meaning
+    said = content.OWN[code] if meaning is None else meaning
     return sr.CodedConcept(code.replace("_", "-")[:_MEANING], SCHEME, said[:_MEANING])
 
 
-def measured(one: Number, facts: Facts) -> Any:
+def measured(one: content.Number, facts: mesh.Facts) -> Any:
     """Write a number with DICOM's code, LOINC's as in the FHIR bundle, or our own."""
     from highdicom import sr
 
     name = own_code(one.code, one.text)
-    if one.code in DICOM:
-        name = sr.CodedConcept(DICOM[one.code][0], "DCM", DICOM[one.code][1])
-    elif (first := concept(one.code, facts)["coding"][0])["system"] == LOINC:
+    if one.code in content.DICOM:
+        name = sr.CodedConcept(content.DICOM[one.code][0], "DCM", content.DICOM[one.code][1])
+    elif (first := content.concept(one.code, facts)["coding"][0])["system"] == content.LOINC:
         name = sr.CodedConcept(first["code"], "LN", first["display"])
     return sr.Measurement(name=name, value=one.value, unit=ucum(one.ucum))
 
@@ -210,7 +196,7 @@ def ucum(code: str) -> Any:
     return sr.CodedConcept(code, "UCUM", {"1": "no units", "%": "percent"}.get(code, code))
 
 
-def stamp(dataset: Any, report: Report) -> None:
+def stamp(dataset: Any, report: content.Report) -> None:
     """Set all times of an object to that of the result, and its origin."""
     day, time = f"{report.issued:%Y%m%d}", f"{report.issued:%H%M%S}"
     for moment in ("InstanceCreation", "Content", "Series"):
@@ -224,7 +210,7 @@ def stamp(dataset: Any, report: Report) -> None:
     dataset.SoftwareVersions = version_of(report)
 
 
-def version_of(report: Report) -> str:
+def version_of(report: content.Report) -> str:
     """Version that made the result."""
     return str(report.signature.provenance.get("modalmotion", "unknown"))
 
@@ -233,7 +219,7 @@ SERIES_NUMBER: Final = 9101
 """Of the structured report; surfaces have the next one."""
 
 
-def structured_report(report: Report, study: Study) -> Any:
+def structured_report(report: content.Report, study: Study) -> Any:
     """Write a report as a Comprehensive SR, preliminary and unverified.
 
     Parameters
@@ -269,7 +255,7 @@ def structured_report(report: Report, study: Study) -> Any:
             ],
         )
     except KeyError:
-        raise ParameterError(
+        raise errors.ParameterError(
             "The kind of the instance is not supported.",
             remedy="Send an image of the study, such as one of MR, CT or US.",
         ) from None
@@ -277,7 +263,7 @@ def structured_report(report: Report, study: Study) -> Any:
     return written
 
 
-def _content(report: Report, study: Study) -> Any:
+def _content(report: content.Report, study: Study) -> Any:
     from highdicom import sr
     from pydicom.sr.codedict import codes
 
@@ -298,10 +284,10 @@ def _content(report: Report, study: Study) -> Any:
     )
 
 
-def _groups(report: Report, study: Study) -> Iterator[Any]:
+def _groups(report: content.Report, study: Study) -> Iterator[Any]:
     from highdicom import sr
 
-    numbers, facts = numbers_of(report), report.sequence.facts
+    numbers, facts = content.numbers_of(report), report.sequence.facts
     for name in ("volumes", "fit", "class", "deviation"):
         of_group = [measured(one, facts) for one in numbers.get(name, ())]
         said = [sr.QualitativeEvaluation(own_code("class"), _class(report))] * (name == "class")
@@ -309,7 +295,7 @@ def _groups(report: Report, study: Study) -> Iterator[Any]:
             yield sr.MeasurementsAndQualitativeEvaluations(
                 tracking_identifier=sr.TrackingIdentifier(
                     uid=uid_of(report, study, f"tracking {name}"),
-                    identifier=f"{report.sequence_id[:12]} {OWN[name]}",
+                    identifier=f"{report.sequence_id[:12]} {content.OWN[name]}",
                 ),
                 finding_type=own_code(name),
                 measurements=of_group or None,
@@ -318,7 +304,7 @@ def _groups(report: Report, study: Study) -> Iterator[Any]:
             )
 
 
-def _class(report: Report) -> Any:
+def _class(report: content.Report) -> Any:
     answer = report.classification
     if answer is None:
         return own_code("not-asked", "No model was asked")
@@ -345,7 +331,9 @@ def _sources(study: Study) -> list[Any] | None:
 _STL_STORAGE: Final = "1.2.840.10008.5.1.4.1.1.104.3"
 
 
-def surface_instance(report: Report, study: Study, frame: int, name: str, number: int) -> Any:
+def surface_instance(
+    report: content.Report, study: Study, frame: int, name: str, number: int
+) -> Any:
     """Write the surface of a frame, as sent.
 
     Parameters

@@ -1,7 +1,5 @@
 """A report as a bundle of FHIR R4 resources: plain dictionaries, the same bytes every time."""
 
-from __future__ import annotations
-
 import json
 import uuid
 from collections.abc import Sequence
@@ -10,8 +8,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from modalmotion.clinical import ClinicalReadouts
-from modalmotion.norm import Deviation
+from modalmotion import clinical, norm
 from modalmotion.reports.content import (
     ABSENT,
     CATEGORY,
@@ -253,7 +250,7 @@ def _amplitudes(report: Report) -> Found:
     )
 
 
-def _volume_curve(readouts: ClinicalReadouts) -> Found:
+def _volume_curve(readouts: clinical.ClinicalReadouts) -> Found:
     unit, ucum = ("ml", "mL") if readouts.unit is not None else ("cubed length units", "1")
     volumes = readouts.stated.volumes * readouts.shown_in
     return Found(
@@ -305,7 +302,7 @@ def _class(report: Report, numbers: Sequence[Number]) -> Found:
     return Found("class", [line], content)
 
 
-def _deviation(report: Report, one: Deviation, numbers: Sequence[Number]) -> Found:
+def _deviation(report: Report, one: norm.Deviation, numbers: Sequence[Number]) -> Found:
     content: Resource = {"valueQuantity": quantity(one.p, "1", "1")}
     if len(numbers) > 1:
         content["component"] = [_component(report, number) for number in numbers[1:]]

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from modalmotion import clinical, mesh, tracking
 from modalmotion.classification import Model, classify, load_model, shipped_for
-from modalmotion.clinical import Fraction
 from modalmotion.clinical.strain import DEFINITIONS, DYSSYNCHRONY
 from modalmotion.exports.reading import read
 from modalmotion.exports.tables import frame_table
 from modalmotion.formats.volumes.reading import holds_images
-from modalmotion.mesh import face_normals, oriented_faces
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.norm import Norm
 from modalmotion.pictures.readouts import (
@@ -27,13 +26,12 @@ from modalmotion.pictures.readouts import (
     draw_volume,
     mark_moments,
 )
-from modalmotion.pictures.view import apex_down, new_figure, round_length
+from modalmotion.pictures.views import apex_down, new_figure, round_length
 from modalmotion.reports.content import OWN, Report, moments_of, quantities_of, report_of
 from modalmotion.reports.fhir import fhir_json
 from modalmotion.representation import counted, probability, with_interval
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.store.disk import write_atomic
-from modalmotion.tracking import Track, track
 from modalmotion.viewer.page import View, view_page
 
 if TYPE_CHECKING:
@@ -119,7 +117,7 @@ def report_figure(report: Report) -> Figure:
         panels = [figure.add_axes((0.10, 0.475, 0.50 if strain is None else 0.22, 0.17))]
         scaled = curve.volumes * readouts.shown_in, curve.reach * readouts.shown_in
         at = draw_volume(panels[0], readouts, *scaled)
-        if curve.fraction == Fraction.EJECTION_FRACTION:
+        if curve.fraction == clinical.Fraction.EJECTION_FRACTION:
             mark_moments(panels[0], at, curve.end_diastole, curve.end_systole)
         if strain is not None:
             panels.append(figure.add_axes((0.39, 0.475, 0.22, 0.17)))
@@ -160,8 +158,8 @@ def _draw_surface(axes: Axes, report: Report, frame: int) -> None:
     if not len(faces):
         axes.plot(points[:, 0], points[:, 2], ".-", ms=2, lw=0.8, color=_BLUE)
         return
-    oriented = oriented_faces(faces, len(points))
-    normals = face_normals(points, faces if oriented is None else oriented)
+    oriented = mesh.oriented_faces(faces, len(points))
+    normals = mesh.face_normals(points, faces if oriented is None else oriented)
     lengths = np.linalg.norm(normals, axis=1)
     facing = np.abs(normals[:, 1]) / np.where(lengths > 0, lengths, 1.0)
     order = np.argsort(-points[faces].mean(axis=1)[:, 1])
@@ -270,7 +268,7 @@ REPORT_SUFFIXES: Final = tuple(Path(name).suffix for name in _FILES)
 
 
 def report(
-    recording: MeshSequence | Track | Path,
+    recording: MeshSequence | tracking.Track | Path,
     path: Path,
     *,
     model: Model | str | None = None,
@@ -307,8 +305,8 @@ def report(
     data, name = None, ""
     if isinstance(recording, Path):
         name = recording.name
-        recording = track(recording) if holds_images(recording) else read(recording)
-    if isinstance(recording, Track):
+        recording = tracking.track(recording) if holds_images(recording) else read(recording)
+    if isinstance(recording, tracking.Track):
         data, recording = recording.data, recording.sequence
     answer = None
     if model is not None:

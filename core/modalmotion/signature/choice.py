@@ -1,7 +1,5 @@
 """As few modes as a tolerance or the noise asks for, and simple scenes: static, rigid, affine."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Final
@@ -60,7 +58,7 @@ class SceneError:
     max: float
 
     @staticmethod
-    def of(errors: FrameErrors) -> SceneError:
+    def of(errors: FrameErrors) -> "SceneError":
         """Put the errors of all frames together."""
         rms, weighted, most = map(
             errors.over_frames, (ErrorKind.RMS, ErrorKind.WEIGHTED_RMS, ErrorKind.MAX)
@@ -149,7 +147,7 @@ class ModelChoice:
     errors: dict[SceneKind, SceneError]
 
     @staticmethod
-    def from_json(values: dict[str, Any]) -> ModelChoice:
+    def from_json(values: dict[str, Any]) -> "ModelChoice":
         """Read what `plain` gives of it."""
         noise = values["noise"]
         return ModelChoice(

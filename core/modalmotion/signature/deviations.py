@@ -16,18 +16,14 @@ A template that is made of the sequence itself has axes with errors too, of the 
 `turns_of_axes`. They and the errors above, which are differences between frames, are independent.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from modalmotion.errors import ModeCountError
-from modalmotion.mesh import mean_slopes, vertex_areas
-from modalmotion.mesh.alignment import reference_positions
+from modalmotion import errors, mesh
+from modalmotion.mesh import alignment, geometry
 from modalmotion.mesh.checks import Uncertainty
-from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
@@ -95,7 +91,7 @@ def amplitude_deviations(
     for f, R in enumerate(rotations):
         if parts is None or along_normal:
             turned = sequence.vertices[f] @ R
-            x = turned if along_normal else reference_positions(sequence, reference)
+            x = turned if along_normal else alignment.reference_positions(sequence, reference)
             x = x / unit
             q = _answers(x, template, directions, along_normal=along_normal)
             rigid = _rigid(
@@ -168,7 +164,7 @@ def _answers(
         return np.broadcast_to(np.eye(3), (len(x), 3, 3))
     if not along_normal:
         return directions
-    normals = vertex_normals(x, template.faces)[template.representatives]
+    normals = geometry.vertex_normals(x, template.faces)[template.representatives]
     line = directions[:, 0]
     cosines = (normals * line).sum(axis=1)
     # Which way triangles are wound is no matter.
@@ -193,9 +189,9 @@ def _rigid(
             np.linalg.pinv(inertia, hermitian=True) @ (turns * w[:, None, None]).reshape(-1, 3).T
         )
         return _Rigid(turns, sizes.reshape(3, len(x), 3))
-    areas = vertex_areas(x, template.faces)
+    areas = mesh.vertex_areas(x, template.faces)
     centroid = areas @ x / (float(areas.sum()) or 1.0)
-    drift = mean_slopes(x, template.faces, (x - centroid).T, np.eye(3)[:, None])
+    drift = mesh.mean_slopes(x, template.faces, (x - centroid).T, np.eye(3)[:, None])
     shifts = np.broadcast_to(np.eye(3), (len(x), 3, 3))
     if not remove_rotation:
         return _Rigid(shifts, drift)
@@ -310,7 +306,7 @@ def deviations_of(fitter: Fitter, fit: Fit, noise: Noise | None) -> tuple[Floats
         for turn in turns_of_axes(placement, uncertainty, matrices):
             turned = replace(fitter, template=template.turned(turn))
             # So many modes that the turned shape just cannot distinguish them: none is about axes.
-            with suppress(ModeCountError):
+            with suppress(errors.ModeCountError):
                 basis = make_basis(turned.template, fit.basis.modes)
                 variances += (turned.along(basis.projector) - own) ** 2
         deviations = np.sqrt(variances)

@@ -1,7 +1,5 @@
 """Distance between two modal signatures: |a - b| / |b| over amplitudes at the same phases."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,8 +7,7 @@ import numpy as np
 import scipy
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.mesh.sequence import MM_PER_UNIT
-from modalmotion.mesh.spring_modes import Modes, wave_pairs
+from modalmotion.mesh import sequence, spring_modes
 from modalmotion.representation import Floats, shown
 from modalmotion.signature.making import ModalSignature
 from modalmotion.template.body_frame import Components
@@ -121,7 +118,7 @@ def resample_to_phase(
 
 
 def theta_invariants(
-    amplitudes: Floats, modes: Modes, components: Components = Components.CARTESIAN
+    amplitudes: Floats, modes: spring_modes.Modes, components: Components = Components.CARTESIAN
 ) -> Floats:
     """Magnitudes that do not depend on where theta starts.
 
@@ -150,7 +147,7 @@ def theta_invariants(
     ParameterError
         If a pair is split.
     """
-    cosines, sines = wave_pairs(modes)
+    cosines, sines = spring_modes.wave_pairs(modes)
     has_sine = sines >= 0
     if int(has_sine.sum()) != int(modes.is_sine.sum()):
         raise ParameterError(
@@ -264,7 +261,7 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
         )
     scale = 1.0
     if a.unit is not None and b.unit is not None:
-        scale = MM_PER_UNIT[a.unit] / MM_PER_UNIT[b.unit]
+        scale = sequence.MM_PER_UNIT[a.unit] / sequence.MM_PER_UNIT[b.unit]
     trajectories = [
         resample_to_phase(amplitudes, N_PHASES, times=signature.times, closed=closed)
         for signature, amplitudes in ((a, a.body_amplitudes * scale), (b, b.body_amplitudes))

@@ -7,8 +7,6 @@ A plain name counts every vertex of the surface, and all alike; `weighted` prece
 counts each by its share of the surface. Vertices in no triangle count in no error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -29,8 +27,7 @@ from modalmotion.numeric.scales import exceeded_by_a_twentieth, orthonormal, roo
 from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature.parameters import ErrorKind, SignatureKind, SignatureParameters
 from modalmotion.signature.superposition import NormalDisplacements, normal_displacements_of
-from modalmotion.template import Template
-from modalmotion.template.body_frame import Components, local_frames, to_local
+from modalmotion.template import Template, body_frame
 from modalmotion.template.template import shapes_of
 
 # Amplitudes lose this factor of the data's precision; beyond it they are not worth giving.
@@ -70,7 +67,7 @@ class Basis:
         R = self.triangle[:n_modes, :n_modes]
         return np.asarray(np.linalg.solve(R.T, self.shapes[:, :n_modes].T), dtype=np.float64)
 
-    def first(self, n_modes: int) -> Basis:
+    def first(self, n_modes: int) -> "Basis":
         """First modes: the first columns of a QR factorisation are that of the first shapes."""
         R = self.triangle[:n_modes, :n_modes]
         modes = self.modes.take(np.arange(n_modes))
@@ -273,7 +270,7 @@ class Fitter:
     @staticmethod
     def of(
         sequence: MeshSequence, template: Template, parameters: SignatureParameters | None = None
-    ) -> Fitter:
+    ) -> "Fitter":
         """Centre a sequence on a template; 7 modes against frame 0 by default."""
         parameters = SignatureParameters() if parameters is None else parameters
         displacements = displacements_from(
@@ -288,7 +285,7 @@ class Fitter:
         normal_displacements = normal_displacements_of(displacements, template)
         return Fitter(sequence, template, parameters, displacements, normal_displacements)
 
-    def asking(self, **changes: Any) -> Fitter:
+    def asking(self, **changes: Any) -> "Fitter":
         """Fit otherwise, from the same reference: parameters that no template depends on."""
         parameters = replace(self.parameters, **changes)
         displacements = replace(self.displacements, remove_rotation=parameters.remove_rotation)
@@ -305,9 +302,9 @@ class Fitter:
         """
         if self.normal_displacements is not None:
             return self.normal_displacements.directions
-        if self.parameters.components == Components.CARTESIAN:
+        if self.parameters.components == body_frame.Components.CARTESIAN:
             return None
-        return local_frames(self.template)
+        return body_frame.local_frames(self.template)
 
     def blocks(self) -> Iterator[DisplacementBlock]:
         """Displacements along the components' directions, in blocks of bounded memory."""
@@ -316,7 +313,7 @@ class Fitter:
             return
         for block in self.displacements.blocks():
             E = self.frames
-            yield block if E is None else replace(block, u=to_local(block.u, E))
+            yield block if E is None else replace(block, u=body_frame.to_local(block.u, E))
 
     def along(self, rows: Floats) -> Floats:
         """Products of displacements with rows, such as a projector's.

@@ -1,7 +1,5 @@
 """Modal signatures as HDF5."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
@@ -9,15 +7,12 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, Form, json_text
-from modalmotion.mesh import facts_as_json, facts_from_json
-from modalmotion.mesh.alignment import Rotations
+from modalmotion.mesh import alignment, facts_as_json, facts_from_json
 from modalmotion.mesh.spring_modes import Modes, SpringModes
-from modalmotion.modes import ModeSet
-from modalmotion.modes.topology import MESH, Topology
+from modalmotion.modes import ModeSet, topologies
 from modalmotion.notes import notes_from_json
 from modalmotion.representation import plain
-from modalmotion.signature.choice import ModelChoice
-from modalmotion.signature.making import ModalSignature, SignatureParameters
+from modalmotion.signature import choice, making
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.template.template import landmark_datasets, landmarks_from
 
@@ -43,7 +38,7 @@ _OF_FRAMES = (
 )
 
 
-def signature_to_hdf5(signature: ModalSignature) -> bytes:
+def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
     """Write a signature as a sealed HDF5 file in memory.
 
     Parameters
@@ -109,7 +104,7 @@ def signature_to_hdf5(signature: ModalSignature) -> bytes:
     return FORM.image(ids, datasets, topology=signature.surface, unit=unit)
 
 
-def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
+def signature_from_hdf5(source: bytes | Path) -> making.ModalSignature:
     """Read a signature, bit for bit as it was written.
 
     Parameters
@@ -124,13 +119,13 @@ def signature_from_hdf5(source: bytes | Path) -> ModalSignature:
     return read_signature(source)[0]
 
 
-def read_signature(source: bytes | Path) -> tuple[ModalSignature, Contents]:
+def read_signature(source: bytes | Path) -> tuple[making.ModalSignature, Contents]:
     """Read a signature together with the contents of its file."""
     with FORM.read(source) as contents:
         return _signature(contents), contents
 
 
-def _signature(contents: Contents) -> ModalSignature:
+def _signature(contents: Contents) -> making.ModalSignature:
     parameters = parameters_from_json(contents.json("parameters", dict))
     amplitudes = contents.array("amplitudes", (None, None, parameters.n_directions))
     n_frames, n_modes, _ = amplitudes.shape
@@ -138,11 +133,11 @@ def _signature(contents: Contents) -> ModalSignature:
     def per_frame(name: str) -> Any:
         return contents.array(name, (n_frames,))
 
-    return ModalSignature(
+    return making.ModalSignature(
         modes=_modes(contents, n_modes),
         amplitudes=amplitudes,
         angular_frequencies=contents.array("angular_frequencies", (n_modes,)),
-        rotations=Rotations(
+        rotations=alignment.Rotations(
             contents.array("rotations", (n_frames, 3, 3)),
             per_frame("rotation_is_determined").astype(np.bool_),
         ),
@@ -162,7 +157,7 @@ def _signature(contents: Contents) -> ModalSignature:
         notes=notes_from_json(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
         choice=(
-            ModelChoice.from_json(contents.json("choice", dict))
+            choice.ModelChoice.from_json(contents.json("choice", dict))
             if "choice" in contents.arrays
             else None
         ),
@@ -181,10 +176,10 @@ def mode_datasets(modes: Modes) -> list[Dataset]:
 
 
 def _modes(contents: Contents, n_modes: int) -> Modes:
-    if contents.text("topology") == MESH:
+    if contents.text("topology") == topologies.MESH:
         identity = bytes(contents.arrays["connectivity_id"][()]).decode()
         return SpringModes(contents.array("spring_eigenvalues", (n_modes,)), identity)
-    topology = Topology.parse(contents.text("topology"))
+    topology = topologies.Topology.parse(contents.text("topology"))
     return ModeSet(
         topology,
         contents.array("wavenumbers", (n_modes, topology.n_axes)),
@@ -193,6 +188,6 @@ def _modes(contents: Contents, n_modes: int) -> Modes:
 
 
 @lru_cache(maxsize=64)
-def _parameters_text(parameters: SignatureParameters) -> Dataset:
+def _parameters_text(parameters: making.SignatureParameters) -> Dataset:
     # Most signatures have the same parameters.
     return json_text("parameters", parameters_as_json(parameters))

@@ -1,7 +1,5 @@
 """Making modal signatures."""
 
-from __future__ import annotations
-
 import platform
 from dataclasses import replace
 from functools import lru_cache
@@ -10,15 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.errors import ParameterError, TopologyError
+from modalmotion import errors, mesh, progress
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh import NO_FACTS
-from modalmotion.mesh.alignment import reference_positions
-from modalmotion.mesh.geometry import cavity_of
+from modalmotion.mesh import alignment, geometry
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.modes.topology import PLANE, Topology
+from modalmotion.modes.topologies import PLANE, Topology
 from modalmotion.notes import Note
-from modalmotion.progress import Reporter, Stopwatch, silent
 from modalmotion.representation import Floats, Ints, counted, numeral
 from modalmotion.signature.choice import choose_fit, notes_on_compactness
 from modalmotion.signature.deviations import deviations_of
@@ -56,8 +51,8 @@ def enclosed_volumes(sequence: MeshSequence, template: Template) -> Floats | Non
     if template.surface == PLANE or not len(template.faces):
         return None
     try:
-        cavity = cavity_of(template.faces, template.n_vertices)
-    except TopologyError:
+        cavity = geometry.cavity_of(template.faces, template.n_vertices)
+    except errors.TopologyError:
         return None
     n = sequence.n_frames
     volumes = np.empty(n)
@@ -91,7 +86,7 @@ def modal_signature(
     parameters: SignatureParameters | None = None,
     *,
     template: Template | None = None,
-    watch: Stopwatch | None = None,
+    watch: progress.Stopwatch | None = None,
 ) -> ModalSignature:
     """Fit closed-form modes to a sequence.
 
@@ -126,7 +121,7 @@ def modal_signature(
     """
     parameters = resolve_parameters(sequence, parameters or SignatureParameters())
     original, sequence = sequence, resolve_sequence(sequence, parameters)
-    watch = watch or Stopwatch()
+    watch = watch or progress.Stopwatch()
     with watch.stage("template") as report:
         own_template = resolve_template(sequence, parameters, template, report)
     notes = [*_notes_on_sequence(sequence, parameters.reference), *own_template.notes]
@@ -212,7 +207,7 @@ def resolve_template(
     sequence: MeshSequence,
     parameters: SignatureParameters,
     template: Template | None = None,
-    report: Reporter = silent,
+    report: progress.Reporter = progress.silent,
 ) -> Template:
     """Give the template that the parameters ask for: the one they name, or the sequence's own.
 
@@ -228,7 +223,7 @@ def resolve_template(
     """
     if parameters.template is not None or template is not None:
         if template is None or template.id != parameters.template:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The parameters name the template {str(parameters.template)[:12]}, but "
                 f"{'none' if template is None else template.id[:12]} came.",
                 remedy="Give the template that the parameters name.",
@@ -236,7 +231,7 @@ def resolve_template(
         require_same_mesh(template, sequence)
         return template
     return make_template(
-        replace(sequence, facts=NO_FACTS),
+        replace(sequence, facts=mesh.NO_FACTS),
         reference=parameters.reference,
         landmarks=parameters.landmarks,
         closed_form=parameters.closed_form,
@@ -284,7 +279,7 @@ def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[Not
         notes.append(Note.of("unit_unknown"))
     if sequence.vertices.dtype == np.float32:
         # Direction by direction: along the memory, extremes are ten times as fast.
-        x = np.ascontiguousarray(reference_positions(sequence, reference).T)
+        x = np.ascontiguousarray(alignment.reference_positions(sequence, reference).T)
         low, high = x.min(axis=1), x.max(axis=1)
         extent = float((high - low).max())
         step = float(np.spacing(np.float32(max(-low.min(), high.max()))))

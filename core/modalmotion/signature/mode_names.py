@@ -1,10 +1,8 @@
 """Plain names of modes and their directions, and a colour and a dash for each."""
 
-from __future__ import annotations
-
 from typing import Final
 
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED,
     CLOSED_CURVE,
     CUP,

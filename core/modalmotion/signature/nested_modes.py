@@ -1,7 +1,5 @@
 """Nested sets of modes, factored once, the errors of all of them, and paths limited in time."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Final
@@ -150,7 +148,7 @@ class Energies:
         rms: Floats = self.scale * np.sqrt(np.maximum(squares, 0.0))
         return rms
 
-    def joint_rms(self, counts: Ints, harmonics: Harmonics) -> Floats:
+    def joint_rms(self, counts: Ints, harmonics: "Harmonics") -> Floats:
         """RMS error of the first so many modes, their paths limited to harmonics.
 
         Returns

@@ -1,7 +1,5 @@
 """The measurement's noise, estimated from a sequence itself, and the modes that rise above it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,21 +9,9 @@ from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, shown
+from modalmotion.signature import noise_bands, parameters
 from modalmotion.signature.fit import Fitter
 from modalmotion.signature.nested_modes import NestedModes, nested_modes
-from modalmotion.signature.noise_bands import (
-    MIXINGS,
-    Bands,
-    SmoothNoise,
-    bands_of,
-    independent,
-    levels_of,
-    likelihoods,
-    over_time,
-    products_of,
-    shares_of,
-)
-from modalmotion.signature.parameters import MOST_MODES
 from modalmotion.template.body_frame import Components
 
 WIDE: Final = 1.5
@@ -94,7 +80,7 @@ class Noise:
 
     def spread(self, n_frames: int, reference: Reference) -> float:
         """Mean square of a coordinate's displacement by noise of variance 1."""
-        correlations = over_time(self.between_frames, n_frames)
+        correlations = noise_bands.over_time(self.between_frames, n_frames)
         if reference == MEAN:
             return 1.0 - float(correlations.mean())
         return 2.0 * (1.0 - float(correlations[reference].mean()))
@@ -162,18 +148,20 @@ class Found:
     noise: Noise
     nested: NestedModes
     coefficients: Floats
-    smooth: SmoothNoise
+    smooth: noise_bands.SmoothNoise
 
 
 def estimated(fitter: Fitter) -> Found:
     """Estimate a sequence's noise as its parameters measure displacements."""
     plain = fitter.asking(components=Components.CARTESIAN)
     nested, coefficients = _nested(plain, _FIRST)
-    smooth = SmoothNoise.on(plain.template)
+    smooth = noise_bands.SmoothNoise.on(plain.template)
     return Found(_noise(plain, nested, coefficients, smooth), nested, coefficients, smooth)
 
 
-def _noise(fitter: Fitter, nested: NestedModes, coefficients: Floats, smooth: SmoothNoise) -> Noise:
+def _noise(
+    fitter: Fitter, nested: NestedModes, coefficients: Floats, smooth: noise_bands.SmoothNoise
+) -> Noise:
     """Estimate the noise's level, and its correlations in space and time.
 
     Taken for normal, of one level and one smoothness everywhere, and an autoregression of order 1
@@ -183,7 +171,7 @@ def _noise(fitter: Fitter, nested: NestedModes, coefficients: Floats, smooth: Sm
     rounding, n_weighted = _rounding(sequence), int((weights > 0).sum())
     if sequence.n_frames < 2 or n_weighted < 2:
         return Noise(rounding, rounding, None, 0.0, 0.0, n_weighted, 0, rounding, 0)
-    bands = bands_of(fitter, nested, coefficients, smooth)
+    bands = noise_bands.bands_of(fitter, nested, coefficients, smooth)
     if not bands.grams.max() > 0.0:
         return Noise(rounding, rounding, rounding, 0.0, 0.0, n_weighted, 0, rounding, bands.modes)
     variance, others, correlation, k = _variances(bands)
@@ -191,7 +179,7 @@ def _noise(fitter: Fitter, nested: NestedModes, coefficients: Floats, smooth: Sm
     lowest, highest = (bands.scale * float(np.sqrt(v)) for v in (min(others), max(others)))
     if sigma <= rounding:
         correlation, k = 0.0, 0
-    white, mixed = independent(products_of(smooth.fields[[0, k]], weights))
+    white, mixed = noise_bands.independent(noise_bands.products_of(smooth.fields[[0, k]], weights))
     return Noise(
         sigma=max(sigma, rounding),
         lowest=max(lowest / _OFF, rounding),
@@ -200,23 +188,23 @@ def _noise(fitter: Fitter, nested: NestedModes, coefficients: Floats, smooth: Sm
         between_neighbours=smooth.beside(k) if k else 0.0,
         # Chance cancels in the ratio of smooth fields to white ones, whose number is known.
         independent_vertices=float(mixed / white / (weights**2).sum()),
-        mixed=MIXINGS[k],
+        mixed=noise_bands.MIXINGS[k],
         rounding=rounding,
         modes=bands.modes,
     )
 
 
-def _variances(bands: Bands) -> tuple[float, list[float], float, int]:
+def _variances(bands: noise_bands.Bands) -> tuple[float, list[float], float, int]:
     """Variance, those by other rules that are as good, correlation in time and smoothness."""
     whitened = bands.whitened(_CORRELATIONS)
 
     def correlation(k: int, cost: float = _COST) -> float:
-        found = likelihoods(*whitened, bands.columns[k], cost)
+        found = noise_bands.likelihoods(*whitened, bands.columns[k], cost)
         return float(np.interp(_peak(found), np.arange(len(found)), _CORRELATIONS))
 
     def level(correlation: float, k: int, cost: float = _COST) -> tuple[float, int]:
         (energies,), _ = bands.whitened((correlation,))
-        variances, found = levels_of(energies, bands.expected, bands.columns[k], cost)
+        variances, found = noise_bands.levels_of(energies, bands.expected, bands.columns[k], cost)
         at = _peak(found)
         near = int(np.argmax(found))
         # Small numbers of mixings are all compared, and only beyond is anything between them.
@@ -233,7 +221,7 @@ def _variances(bands: Bands) -> tuple[float, list[float], float, int]:
     half = len(energies) // 2
     for some in (slice(half), slice(half, None)):
         part = bands.expected[:, some], bands.columns[k][some]
-        others.append(float(levels_of(energies[some], *part, _COST)[0][k]))
+        others.append(float(noise_bands.levels_of(energies[some], *part, _COST)[0][k]))
     # An autoregression is the slower the less of it the quick directions show.
     others += [level(best + off * (1.0 - abs(best)), k)[0] for off in (-_SLOWER, _SLOWER)]
     if bands.grams.shape[2] < _FEW_FRAMES:
@@ -258,11 +246,11 @@ def modes_until_noise(fitter: Fitter, found: Found) -> tuple[NestedModes, int]:
     if fitter.parameters.components != Components.CARTESIAN:
         nested, coefficients = _nested(fitter, n)
     while True:
-        shares = shares_of(nested.basis, found.smooth, noise.mixed)
+        shares = noise_bands.shares_of(nested.basis, found.smooth, noise.mixed)
         count = least_risk(nested, coefficients, noise, shares, fitter.parameters.reference)
-        if nested.ends_because or n >= MOST_MODES or 4 * count <= 3 * nested.counts[-1]:
+        if nested.ends_because or n >= parameters.MOST_MODES or 4 * count <= 3 * nested.counts[-1]:
             return nested, count
-        n = min(2 * n, MOST_MODES)
+        n = min(2 * n, parameters.MOST_MODES)
         nested, coefficients = _nested(fitter, n)
 
 

@@ -6,8 +6,6 @@ of them. These are sought in two of the directions of space and read in the thir
 nothing of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -16,7 +14,7 @@ import numpy as np
 import scipy
 
 from modalmotion.mesh.triangles import connectivity_of
-from modalmotion.modes.topology import CLOSED
+from modalmotion.modes.topologies import CLOSED
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, Ints
 from modalmotion.signature.fit import Basis, Fitter
@@ -48,7 +46,7 @@ class SmoothNoise:
     fields: Floats
 
     @staticmethod
-    def on(template: Template) -> SmoothNoise:
+    def on(template: Template) -> "SmoothNoise":
         """Draw fields on a template, the same each time."""
         edges, n = _edges_of(template), template.n_vertices
         rows = np.concatenate([edges[:, 0], edges[:, 1], np.arange(n)])

@@ -1,7 +1,5 @@
 """Request for a signature: number of modes, reference and limits; and the time that it takes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable
@@ -12,15 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from modalmotion import errors, mesh
 from modalmotion.arguments.checking import one_of, real, truth, whole
-from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.formats.detect import Format
-from modalmotion.mesh import Facts
-from modalmotion.mesh.sequence import MEAN, Reference
-from modalmotion.modes.topology import MESH, Topology
+from modalmotion.mesh import sequence
+from modalmotion.modes.topologies import MESH, Topology
 from modalmotion.representation import shown
-from modalmotion.template import GivenLandmarks
-from modalmotion.template.body_frame import Components
+from modalmotion.template import GivenLandmarks, body_frame
 from modalmotion.template.landmarks import landmarks_in
 
 # Above this a signature is no longer compact, and a typing error is more likely.
@@ -106,9 +102,9 @@ class SignatureParameters:
 
     modes: int | None = None
     topology: str | None = None
-    reference: Reference = 0
+    reference: sequence.Reference = 0
     remove_rotation: bool = True
-    components: Components = Components.CARTESIAN
+    components: body_frame.Components = body_frame.Components.CARTESIAN
     landmarks: GivenLandmarks = field(default_factory=GivenLandmarks)
     template: str | None = None
     tolerance: float | None = None
@@ -135,18 +131,18 @@ class SignatureParameters:
         if not requests:
             object.__setattr__(self, "modes", USUAL_MODES)
         if self.modes is not None and not 1 <= self.modes <= MOST_MODES:
-            raise ModeCountError(
+            raise errors.ModeCountError(
                 f"{self.modes} modes were requested; a signature has 1 to {MOST_MODES}.",
                 remedy=f"Ask for 1 to {MOST_MODES} modes; 7 is the usual number.",
                 details={"modes": self.modes, "most": MOST_MODES},
             )
         self._require_kind()
         if self.tolerance is not None and not (np.isfinite(self.tolerance) and self.tolerance >= 0):
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The tolerance is {self.tolerance}.", remedy="Use a finite number, 0 or more."
             )
         if self.harmonics is not None and self.harmonics < 0:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"{self.harmonics} harmonics were requested.", remedy="Use 0 or more."
             )
 
@@ -154,13 +150,13 @@ class SignatureParameters:
         """Refuse for normal displacements what only displacements have."""
         if self.kind == SignatureKind.MATERIAL:
             return
-        if self.components != Components.CARTESIAN:
-            raise ParameterError(
+        if self.components != body_frame.Components.CARTESIAN:
+            raise errors.ParameterError(
                 f"A normal displacement has one number a mode, no {self.components} components.",
                 remedy="Leave the components out, or ask for the kind material.",
             )
         if self.auto:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "The noise of vertices, where auto stops, is not known of normal displacements.",
                 remedy="Ask by modes or tolerance, or for the kind material.",
             )
@@ -174,7 +170,7 @@ class SignatureParameters:
             **{
                 name: partial(one_of, words=words)
                 for name, words in (
-                    ("components", Components),
+                    ("components", body_frame.Components),
                     ("tolerance_of", ErrorKind),
                     ("kind", SignatureKind),
                 )
@@ -182,10 +178,10 @@ class SignatureParameters:
             "topology": _name,
             "template": _name,
         }
-        if self.reference != MEAN:
+        if self.reference != sequence.MEAN:
             takes["reference"] = whole
         if not isinstance(self.landmarks, GivenLandmarks):
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"landmarks is {repr(self.landmarks)[:80]}, not places with names.",
                 remedy="Give them as GivenLandmarks(apex=..., base=...).",
             )
@@ -210,8 +206,8 @@ class SignatureParameters:
         return self.topology is not None or self.template is not None
 
     def with_facts(
-        self, facts: Facts, topology: Topology | str | None, grid: tuple[int, ...] | None
-    ) -> SignatureParameters:
+        self, facts: mesh.Facts, topology: Topology | str | None, grid: tuple[int, ...] | None
+    ) -> "SignatureParameters":
         """Return the parameters with the facts that the fit reads: landmarks of the template.
 
         So the key contains a fact that the fit reads, and no other.
@@ -246,7 +242,7 @@ class SignatureParameters:
 
 def _name(name: str, value: Any) -> str:
     if not isinstance(value, str | Topology):
-        raise ParameterError(
+        raise errors.ParameterError(
             f"{name} is {repr(value)[:80]}, not the name of one.",
             remedy=f"Give its name or id as text: {name}='...'.",
         )
@@ -256,8 +252,8 @@ def _name(name: str, value: Any) -> str:
 _WAYS: Final = ("modes", "tolerance", "auto")
 
 
-def _several_requests(names: list[str]) -> ParameterError:
-    return ParameterError(
+def _several_requests(names: list[str]) -> errors.ParameterError:
+    return errors.ParameterError(
         f"The number of modes was requested in several ways: {', '.join(names)}.",
         remedy="Set one of modes, amplitudes, tolerance and auto.",
         details={"asked": names},

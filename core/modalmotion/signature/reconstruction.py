@@ -1,7 +1,5 @@
 """Surfaces superposed from a signature, at its frames or at any time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
@@ -12,19 +10,14 @@ from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import Floats, Ints, shown
-from modalmotion.signature.making import (
-    ModalSignature,
-    SignatureKind,
-    resolve_sequence,
-    resolve_template,
-)
+from modalmotion.signature import making
 from modalmotion.signature.superposition import Superposition
 from modalmotion.template import Template
 from modalmotion.template.template import shapes_of
 
 
 def reconstruct(
-    signature: ModalSignature,
+    signature: making.ModalSignature,
     sequence: MeshSequence,
     frames: Ints | list[int] | None = None,
     *,
@@ -57,7 +50,7 @@ def reconstruct(
     parameters = signature.parameters
     used = fitted_on(signature, sequence, template)
     shapes, reference = shapes_of(signature.modes, used), parameters.reference
-    if parameters.kind == SignatureKind.NORMAL_DISPLACEMENT:
+    if parameters.kind == making.SignatureKind.NORMAL_DISPLACEMENT:
         on = Superposition.of_normal_displacements(sequence, used, shapes, reference=reference)
     else:
         components = parameters.components
@@ -71,7 +64,7 @@ def reconstruct(
 
 
 def fitted_on(
-    signature: ModalSignature, sequence: MeshSequence, template: Template | None = None
+    signature: making.ModalSignature, sequence: MeshSequence, template: Template | None = None
 ) -> Template:
     """Give the template that a signature's amplitudes belong to.
 
@@ -93,8 +86,8 @@ def fitted_on(
             "The signature was made from another sequence.",
             remedy="Give the sequence whose id the signature names.",
         )
-    resolved = resolve_sequence(sequence, signature.parameters)
-    return resolve_template(resolved, signature.parameters, template)
+    resolved = making.resolve_sequence(sequence, signature.parameters)
+    return making.resolve_template(resolved, signature.parameters, template)
 
 
 Interpolation: TypeAlias = Literal["cubic", "linear"]
@@ -261,7 +254,7 @@ def _deviations(own: Floats, left: Floats, at: Floats) -> Floats:
     return np.sqrt(np.outer(mean * inner, by_vertex))
 
 
-def at_times(signature: ModalSignature, times: Floats) -> ModalSignature:
+def at_times(signature: making.ModalSignature, times: Floats) -> making.ModalSignature:
     """Trajectory of a signature at other times.
 
     Amplitudes follow cubic splines, rotations the shortest turn between frames. Errors and
@@ -324,7 +317,7 @@ def at_times(signature: ModalSignature, times: Floats) -> ModalSignature:
     )
 
 
-def _times_of(signature: ModalSignature) -> Floats:
+def _times_of(signature: making.ModalSignature) -> Floats:
     if signature.times is not None:
         return signature.times
     return np.arange(signature.n_frames, dtype=np.float64)

@@ -6,8 +6,6 @@ surface of that frame, its rotation and drift removed, meets the normal there
 the surface's own, too.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -15,8 +13,8 @@ from typing import Final
 import numpy as np
 import scipy
 
-from modalmotion.errors import TopologyError
-from modalmotion.mesh import oriented_faces
+from modalmotion import errors, mesh
+from modalmotion.mesh import geometry, triangles
 from modalmotion.mesh.alignment import (
     DisplacementBlock,
     Displacements,
@@ -24,9 +22,7 @@ from modalmotion.mesh.alignment import (
     Rotations,
     reference_positions,
 )
-from modalmotion.mesh.geometry import NormalLines, vertex_normals
 from modalmotion.mesh.sequence import MeshSequence, Reference
-from modalmotion.mesh.triangles import face_normals
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, Ints, shown
 from modalmotion.template import Template
@@ -144,21 +140,21 @@ class _Reference:
     positions: Floats
     normals: Floats
     centroid: Floats
-    lines: NormalLines
+    lines: geometry.NormalLines
 
     @staticmethod
-    def of(template: Template, x: Floats) -> _Reference:
+    def of(template: Template, x: Floats) -> "_Reference":
         """Take the positions (vertices, 3) of a template's reference."""
         faces = _sides_of(template)
         centroid = _centroids(x[None], faces)[0]
-        of_faces = face_normals(x, faces)
+        of_faces = triangles.face_normals(x, faces)
         r = x[faces].mean(axis=1) - centroid
         outward = np.einsum("ij,ij->i", of_faces, r)
         most = np.linalg.norm(of_faces, axis=1) @ np.linalg.norm(r, axis=1)
         if outward.sum() < -_FLAT * most:
             faces = np.ascontiguousarray(faces[:, ::-1])
-        normals = vertex_normals(x, faces)
-        lines = NormalLines.of(faces, np.unique(faces), x, normals)
+        normals = geometry.vertex_normals(x, faces)
+        lines = geometry.NormalLines.of(faces, np.unique(faces), x, normals)
         return _Reference(faces, x, normals, centroid, lines)
 
 
@@ -169,13 +165,13 @@ def _sides_of(template: Template) -> Ints:
     faces = faces[(a != b) & (b != c) & (c != a)]
     is_surface = template.surface is None or template.surface.n_axes == 2
     if not len(faces) or not is_surface:
-        raise TopologyError(
+        raise errors.TopologyError(
             "Normal displacements need a surface, and this shape is a curve, a volume or points.",
             remedy="Ask for the kind material.",
         )
-    oriented = oriented_faces(faces, template.n_vertices)
+    oriented = mesh.oriented_faces(faces, template.n_vertices)
     if oriented is None:
-        raise TopologyError(
+        raise errors.TopologyError(
             "The surface has one side only, so its normals point nowhere outward.",
             remedy="Ask for the kind material.",
         )
@@ -186,7 +182,7 @@ def _centroids(x: Floats, faces: Ints) -> Floats:
     """Area centroids of shapes, (frames, 3), of positions (frames, vertices, 3)."""
     centroids = np.empty((len(x), 3))
     for k, positions in enumerate(x):
-        areas = np.linalg.norm(face_normals(positions, faces), axis=1)
+        areas = np.linalg.norm(triangles.face_normals(positions, faces), axis=1)
         total = float(areas.sum()) or 1.0
         middles = positions[faces].sum(axis=1) / 3.0
         centroids[k] = areas @ middles / total if areas.any() else middles.mean(axis=0)
@@ -276,7 +272,7 @@ class Superposition:
         *,
         reference: Reference,
         components: Components,
-    ) -> Superposition:
+    ) -> "Superposition":
         """Superpose shapes on one frame of a sequence, or on its mean shape."""
         start = reference_positions(sequence, reference)
         frames = None if components == Components.CARTESIAN else local_frames(template)
@@ -285,7 +281,7 @@ class Superposition:
     @staticmethod
     def of_normal_displacements(
         sequence: MeshSequence, template: Template, shapes: Floats, *, reference: Reference
-    ) -> Superposition:
+    ) -> "Superposition":
         """Superpose shapes along the normals of a reference."""
         start = reference_positions(sequence, reference)
         directions, centre = normal_reference(template, start)

@@ -1,28 +1,19 @@
 """Speed for accuracy: cost and error of each choice, measured on the sequence itself."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
 
+from modalmotion import errors, notes, progress
 from modalmotion.arguments.checking import Plotted, whole
-from modalmotion.errors import InputError, ParameterError
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
-from modalmotion.modes.topology import CUP, CYLINDER, MESH, PLANE, Topology
-from modalmotion.notes import notes_as_json
-from modalmotion.progress import Stopwatch
+from modalmotion.modes.topologies import CUP, CYLINDER, MESH, PLANE, Topology
 from modalmotion.representation import Floats, Ints, shown
+from modalmotion.signature import making
 from modalmotion.signature.choice import NUMBERS, SceneError, SceneKind, limit_of, simple_motions
 from modalmotion.signature.fit import Fitter, make_basis
-from modalmotion.signature.making import (
-    modal_signature,
-    resolve_parameters,
-    resolve_sequence,
-    resolve_template,
-)
 from modalmotion.signature.nested_modes import (
     energies_of,
     harmonics_of,
@@ -118,10 +109,10 @@ def _front(fitter: Fitter, most_modes: int, components: tuple[Components, ...] |
     for topology in _other_topologies(fitter):
         try:
             other = sequence.with_topology(topology, None)
-            template = resolve_template(other, resolve_parameters(other, parameters))
+            template = making.resolve_template(other, making.resolve_parameters(other, parameters))
             fitted = Fitter.of(other, template, parameters)
             branches += _branches(fitted, most_modes, components)[0]
-        except InputError:
+        except errors.InputError:
             # A surface may be laid out in one way only; the others are left out.
             continue
     return Front(tuple(branches), sequence.n_frames, sequence.n_vertices, sequence.unit, motion)
@@ -313,7 +304,7 @@ def measure_tradeoff(
     most_modes: int = MOST_OF_FRONT,
     components: tuple[Components, ...] | None = None,
     template: Template | None = None,
-    watch: Stopwatch | None = None,
+    watch: progress.Stopwatch | None = None,
 ) -> Tradeoff:
     """Measure error and cost of all sets of modes, and of the requested signature.
 
@@ -342,17 +333,19 @@ def measure_tradeoff(
     """
     parameters = SignatureParameters() if parameters is None else parameters
     if parameters.kind == SignatureKind.NORMAL_DISPLACEMENT:
-        raise ParameterError(
+        raise errors.ParameterError(
             "The trade is measured of displacements, and normal displacements were requested.",
             remedy="Leave the kind out, or ask for the signature itself by tolerance: its errors "
             "are of the normal displacements.",
         )
     most_modes = whole("most_modes", most_modes)
     limit = None if parameters.tolerance is None else limit_of(parameters, sequence)
-    watch = watch or Stopwatch()
-    own = resolve_sequence(sequence, parameters)
+    watch = watch or progress.Stopwatch()
+    own = making.resolve_sequence(sequence, parameters)
     with watch.stage("template") as report:
-        used = resolve_template(own, resolve_parameters(own, parameters), template, report)
+        used = making.resolve_template(
+            own, making.resolve_parameters(own, parameters), template, report
+        )
         fitter = Fitter.of(own, used, parameters)
         required_harmonics(fitter)
     with watch.stage("front"):
@@ -361,7 +354,7 @@ def measure_tradeoff(
         first = fitter.fit(make_basis(used, choose_modes(used, 1, own.grid)[0]))
         scene = {k: SceneError.of(each) for k, each in simple_motions(fitter, first).items()}
     with watch.stage("choice"):
-        signature = modal_signature(sequence, parameters, template=template)
+        signature = making.modal_signature(sequence, parameters, template=template)
     choice = signature.choice
     with watch.stage("timing"):
         times = _fit_milliseconds(fitter, front.branches[0])
@@ -386,7 +379,7 @@ def _fit_milliseconds(fitter: Fitter, branch: Branch) -> dict[int, float]:
         modes = choose_modes(fitter.template, count, fitter.sequence.grid)[0]
         spent = []
         for _ in range(_REPEATS):
-            watch = Stopwatch()
+            watch = progress.Stopwatch()
             with watch.stage("fit"):
                 fitter.fit(make_basis(fitter.template, modes))
             spent.append(watch.milliseconds["fit"])
@@ -447,5 +440,5 @@ def _chosen(chosen: Chosen) -> dict[str, Any]:
         "modes": len(signature.modes),
         "labels": [str(label) for label in signature.modes.labels],
         "harmonics": signature.parameters.harmonics,
-        "notes": notes_as_json(signature.notes),
+        "notes": notes.notes_as_json(signature.notes),
     }

@@ -1,23 +1,19 @@
 """The modal signature: the whole answer about one sequence."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
 
+from modalmotion import mesh, template
 from modalmotion.arguments.checking import Plotted, Saved
-from modalmotion.mesh import NO_FACTS, Facts
-from modalmotion.mesh.alignment import Rotations
-from modalmotion.mesh.spring_modes import Modes, whole_counts
-from modalmotion.modes.topology import MESH, Topology
+from modalmotion.mesh import alignment, spring_modes
+from modalmotion.modes.topologies import MESH, Topology
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import root_mean_square
 from modalmotion.representation import Floats, shown
 from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.parameters import SignatureKind, SignatureParameters
-from modalmotion.template import Landmarks
 from modalmotion.template.body_frame import Components, body_frame
 
 
@@ -82,10 +78,10 @@ class ModalSignature(Saved, Plotted):
         Those of the sequence.
     """
 
-    modes: Modes
+    modes: spring_modes.Modes
     amplitudes: Floats
     angular_frequencies: Floats
-    rotations: Rotations
+    rotations: alignment.Rotations
     reference_amplitudes: Floats
     volumes: Floats | None
     translations: Floats
@@ -99,7 +95,7 @@ class ModalSignature(Saved, Plotted):
     unit: str | None
     n_vertices: int
     lengths: tuple[float, ...]
-    landmarks: Landmarks | None
+    landmarks: template.Landmarks | None
     condition: float
     parameters: SignatureParameters
     sequence_id: str
@@ -108,7 +104,7 @@ class ModalSignature(Saved, Plotted):
     provenance: dict[str, str]
     choice: ModelChoice | None = None
     amplitude_deviations: Floats | None = None
-    facts: Facts = NO_FACTS
+    facts: mesh.Facts = mesh.NO_FACTS
 
     def _repr_html_(self) -> str:
         """Write it as notebooks show it."""
@@ -229,9 +225,9 @@ class ModalSignature(Saved, Plotted):
         return self.n_frames * coordinates / (self.n_frames * self.n_amplitudes + coordinates)
 
 
-def whole_count(modes: Modes, n: int) -> int:
+def whole_count(modes: spring_modes.Modes, n: int) -> int:
     """Give the number of first modes, at least n, that splits no cosine-sine pair."""
-    counts = whole_counts(modes)
+    counts = spring_modes.whole_counts(modes)
     return int(counts[min(int(np.searchsorted(counts, n)), len(counts) - 1)])
 
 

@@ -4,16 +4,13 @@ Each tissue is a signed distance, mm, negative inside, on a coarse lattice that 
 smooth functions are interpolated on it with little loss, so that any image can be taken of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import scipy
 
-from modalmotion.mesh import Cavity, face_areas, face_normals
-from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.mesh import Cavity, face_areas, face_normals, sequence
 from modalmotion.representation import Floats
 
 # mm: of the lattice, and of what is shown around the ventricle.
@@ -112,7 +109,7 @@ class Anatomy:
     """
 
     def __init__(
-        self, truth: MeshSequence, rng: np.random.Generator, trabeculae: float = 0.0
+        self, truth: sequence.MeshSequence, rng: "np.random.Generator", trabeculae: float = 0.0
     ) -> None:
         x = truth.vertices.astype(np.float64)
         low, high = x.min(axis=(0, 1)) - _MARGIN, x.max(axis=(0, 1)) + _MARGIN

@@ -1,7 +1,5 @@
 """Classes of motion, and labelled cohorts of simulated ventricles."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -12,16 +10,8 @@ import numpy as np
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import shown
+from modalmotion.simulate import surface, ventricle
 from modalmotion.simulate.parameters import TERRITORY_CENTRES, Territory, VentricleParameters
-from modalmotion.simulate.surface import (
-    Pose,
-    Spacing,
-    Spheroid,
-    directions,
-    lattice_points,
-    random_rotation,
-)
-from modalmotion.simulate.ventricle import Acquisition, region_weight, simulate_ventricle
 
 
 class MotionClass(StrEnum):
@@ -37,7 +27,7 @@ class MotionClass(StrEnum):
 _USUAL_EJECTION: Final = 0.63
 
 
-def draw_parameters(label: MotionClass, rng: np.random.Generator) -> VentricleParameters:
+def draw_parameters(label: MotionClass, rng: "np.random.Generator") -> VentricleParameters:
     """Draw one ventricle of a class, from mild to severe.
 
     Parameters
@@ -87,7 +77,7 @@ def draw_parameters(label: MotionClass, rng: np.random.Generator) -> VentriclePa
     return normal
 
 
-def _draw_normal(rng: np.random.Generator) -> VentricleParameters:
+def _draw_normal(rng: "np.random.Generator") -> VentricleParameters:
     size = rng.normal(1.0, 0.07)
     return VentricleParameters(
         length=88.0 * size * rng.normal(1.0, 0.05),
@@ -123,7 +113,7 @@ def _weakened(normal: VentricleParameters, share: float) -> VentricleParameters:
     )
 
 
-def _draw_akinetic(normal: VentricleParameters, rng: np.random.Generator) -> VentricleParameters:
+def _draw_akinetic(normal: VentricleParameters, rng: "np.random.Generator") -> VentricleParameters:
     azimuth, height = TERRITORY_CENTRES[list(Territory)[int(rng.integers(len(Territory)))]]
     p = replace(
         normal,
@@ -133,10 +123,10 @@ def _draw_akinetic(normal: VentricleParameters, rng: np.random.Generator) -> Ven
         akinesia_extent=rng.uniform(35.0, 60.0),
     )
     # The remaining wall works as before, so what the region lacks is missing in the whole.
-    spheroid = Spheroid(p.length, p.radius, float(np.radians(p.truncation)))
-    points = lattice_points(spheroid, (12, 24))
+    spheroid = surface.Spheroid(p.length, p.radius, float(np.radians(p.truncation)))
+    points = surface.lattice_points(spheroid, (12, 24))
     share = spheroid.radius_at(points.polar_angles) ** 2
-    weight = region_weight(p, directions(points.polar_angles, points.azimuths))
+    weight = ventricle.region_weight(p, surface.directions(points.polar_angles, points.azimuths))
     lost = p.akinesia * float(share @ weight / share.sum())
     return replace(p, ejection_fraction=p.ejection_fraction * (1.0 - lost))
 
@@ -159,7 +149,7 @@ class Case(NamedTuple):
 def simulate_cohort(
     n_per_class: int,
     *,
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
     classes: Sequence[MotionClass] = tuple(MotionClass),
     noise: float = 0.6,
     n_frames: tuple[int, int] = (15, 40),
@@ -207,11 +197,11 @@ def simulate_cohort(
             is_lattice = rng.uniform() >= triangle_share
             grid = _whole(_ROWS, rng), 2 * _whole(_HALF_COLUMNS, rng)
             n_vertices = _whole(_VERTICES, rng)
-            sequence = simulate_ventricle(
+            sequence = ventricle.simulate_ventricle(
                 parameters,
                 grid=grid,
                 n_vertices=None if is_lattice else n_vertices,
-                spacing=list(Spacing)[int(rng.integers(len(Spacing)))],
+                spacing=list(surface.Spacing)[int(rng.integers(len(surface.Spacing)))],
                 acquisition=_draw_acquisition(rng, noise, n_frames, any_start),
                 rng=rng,
             )
@@ -219,15 +209,15 @@ def simulate_cohort(
 
 
 def _draw_acquisition(
-    rng: np.random.Generator, noise: float, n_frames: tuple[int, int], any_start: bool
-) -> Acquisition:
-    return Acquisition(
+    rng: "np.random.Generator", noise: float, n_frames: tuple[int, int], any_start: bool
+) -> ventricle.Acquisition:
+    return ventricle.Acquisition(
         n_frames=_whole(n_frames, rng),
         start_phase=rng.uniform() if any_start else 0.0,
         is_closed=bool(rng.uniform() < _CLOSED_SHARE),
         noise=noise,
-        pose=Pose(
-            rotation=random_rotation(rng),
+        pose=surface.Pose(
+            rotation=surface.random_rotation(rng),
             translation=_vector(rng.uniform(-_TRANSLATION, _TRANSLATION, 3)),
             drift_rotation=_vector(np.radians(rng.normal(0.0, _DRIFT_DEGREES, 3))),
             drift_translation=_vector(rng.normal(0.0, _DRIFT_MM, 3)),
@@ -235,7 +225,7 @@ def _draw_acquisition(
     )
 
 
-def _whole(limits: tuple[int, int], rng: np.random.Generator) -> int:
+def _whole(limits: tuple[int, int], rng: "np.random.Generator") -> int:
     return int(rng.integers(limits[0], limits[1] + 1))
 
 

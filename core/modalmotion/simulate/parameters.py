@@ -3,8 +3,6 @@
 Each time course is 0 at end diastole (t = 0) and again a period later.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
@@ -280,7 +278,7 @@ class SmoothField:
         return values
 
 
-def random_field(rms: float, length: float, rng: np.random.Generator) -> SmoothField:
+def random_field(rms: float, length: float, rng: "np.random.Generator") -> SmoothField:
     """Draw a field.
 
     Parameters

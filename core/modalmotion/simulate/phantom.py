@@ -1,7 +1,5 @@
 """Images of a simulated ventricle with a known surface."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final
@@ -14,10 +12,9 @@ from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import Floats, shown
+from modalmotion.simulate import surface, ventricle
 from modalmotion.simulate.anatomy import Anatomy, FieldLattice, Tissues
 from modalmotion.simulate.parameters import VentricleParameters
-from modalmotion.simulate.surface import Pose
-from modalmotion.simulate.ventricle import Acquisition, simulate_ventricle
 
 
 class ImageKind(StrEnum):
@@ -138,7 +135,7 @@ def simulate_images(
     *,
     n_frames: int = 25,
     settings: PhantomSettings | None = None,
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
 ) -> Phantom:
     """Take images of a simulated ventricle.
 
@@ -161,9 +158,9 @@ def simulate_images(
     kind = ImageKind(kind)
     settings = PhantomSettings() if settings is None else settings
     turn, move = rng.normal(0.0, 0.5, 3), rng.normal(0.0, 20.0, 3)
-    pose = Pose(rotation=tuple(turn.tolist()), translation=tuple(move.tolist()))
-    truth = simulate_ventricle(
-        parameters, acquisition=Acquisition(n_frames=n_frames, pose=pose), rng=rng
+    pose = surface.Pose(rotation=tuple(turn.tolist()), translation=tuple(move.tolist()))
+    truth = ventricle.simulate_ventricle(
+        parameters, acquisition=ventricle.Acquisition(n_frames=n_frames, pose=pose), rng=rng
     )
     rows = truth.vertices.astype(np.float64).reshape(n_frames, 32, 64, 3)
     anatomy = Anatomy(truth, rng, settings.trabeculae)
@@ -272,7 +269,7 @@ def _taken(
     moment: Tissues,
     imaging: _Imaging,
     shifts: Floats,
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
 ) -> NDArray[np.int16]:
     """Take one image: labels, or brightness, mean through slices, point spread, noise."""
     if kind is ImageKind.LABELS:
@@ -331,7 +328,7 @@ def _around(rows: Floats, axes: Floats, spacing: Floats, margin: Floats) -> _Gri
     return _Grid(affine, (i, j, k))
 
 
-def _box(rows: Floats, spacing: Floats, rng: np.random.Generator) -> _Grid:
+def _box(rows: Floats, spacing: Floats, rng: "np.random.Generator") -> _Grid:
     axes = scipy.spatial.transform.Rotation.from_rotvec(rng.normal(0.0, 0.4, 3)).as_matrix()
     return _around(rows, axes, spacing, np.full(3, 20.0))
 
@@ -362,7 +359,7 @@ def _cine_planes(rows: Floats, spacing: Floats) -> list[_Grid]:
     return grids
 
 
-def _shifts(geometry: list[_Grid], n_slices: int, sd: float, rng: np.random.Generator) -> Floats:
+def _shifts(geometry: list[_Grid], n_slices: int, sd: float, rng: "np.random.Generator") -> Floats:
     """Draw a shift of each slice in its plane, (slices, 3), mm."""
     shifts = np.zeros((n_slices, 3))
     if sd == 0:

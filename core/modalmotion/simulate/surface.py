@@ -3,8 +3,6 @@
 A material point is a polar angle nu (rad, 0 at the apex) and an azimuth theta (rad).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -13,9 +11,8 @@ from typing import Final
 import numpy as np
 import scipy
 
-from modalmotion.errors import ParameterError
-from modalmotion.mesh import lattice_faces
-from modalmotion.modes.topology import CUP, lattice_coordinates, require_shape
+from modalmotion import errors, mesh
+from modalmotion.modes.topologies import CUP, lattice_coordinates, require_shape
 from modalmotion.representation import Floats, Ints, shown
 
 _N_TABLE: Final = 4001
@@ -170,12 +167,12 @@ def lattice_points(
     return Points(
         spheroid.polar_angle(coordinates[:, 0], spacing),
         2 * np.pi * coordinates[:, 1],
-        lattice_faces(CUP, grid),
+        mesh.lattice_faces(CUP, grid),
         grid,
     )
 
 
-def triangle_points(spheroid: Spheroid, n_vertices: int, rng: np.random.Generator) -> Points:
+def triangle_points(spheroid: Spheroid, n_vertices: int, rng: "np.random.Generator") -> Points:
     """Irregular triangulation with the apex as a vertex and a loop of vertices at the base.
 
     Evenly spread over the area along a spiral, displaced at random, and joined by Delaunay's
@@ -187,7 +184,7 @@ def triangle_points(spheroid: Spheroid, n_vertices: int, rng: np.random.Generato
         If there are too few or too many vertices.
     """
     if not _FEWEST_VERTICES <= n_vertices <= _MOST_VERTICES:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"A triangulation of {n_vertices} vertices was requested.",
             remedy=f"Use {_FEWEST_VERTICES} to {_MOST_VERTICES} vertices.",
         )
@@ -197,7 +194,7 @@ def triangle_points(spheroid: Spheroid, n_vertices: int, rng: np.random.Generato
     n_loop = max(8, round(2 * np.pi * rim / float(np.sqrt(area / n_vertices))))
     n_inner = n_vertices - n_loop - 1
     if n_inner < 8:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"{n_vertices} vertices are too few for a base of {n_loop}.",
             remedy="Use more vertices, or a narrower base.",
         )
@@ -254,7 +251,7 @@ class Pose:
     def __post_init__(self) -> None:
         entries = (self.rotation, self.translation, self.drift_rotation, self.drift_translation)
         if not np.isfinite(entries).all():
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The pose {entries} is not four finite vectors.",
                 remedy="Give three finite numbers for each.",
             )
@@ -296,7 +293,7 @@ def rotation_matrix(vector: Floats) -> Floats:
     return rotation
 
 
-def random_rotation(rng: np.random.Generator) -> tuple[float, float, float]:
+def random_rotation(rng: "np.random.Generator") -> tuple[float, float, float]:
     """Rotation vector of a rotation drawn evenly from all of them."""
     q = rng.standard_normal(4)
     q *= np.copysign(1.0, q[0]) / np.linalg.norm(q)

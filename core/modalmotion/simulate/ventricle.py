@@ -6,8 +6,6 @@ fields are smooth functions of the direction from the spheroid's middle, so the 
 kink at the apex.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -15,22 +13,13 @@ from typing import Final
 import numpy as np
 import scipy
 
+from modalmotion import errors, mesh
 from modalmotion.arguments.checking import real, whole, whole_numbers
-from modalmotion.errors import ParameterError
-from modalmotion.mesh import Cavity, Facts
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CUP
+from modalmotion.mesh import sequence
+from modalmotion.modes.topologies import CUP
 from modalmotion.representation import Floats, shown
+from modalmotion.simulate import surface
 from modalmotion.simulate.parameters import SmoothField, VentricleParameters, random_field
-from modalmotion.simulate.surface import (
-    Points,
-    Pose,
-    Spacing,
-    Spheroid,
-    directions,
-    lattice_points,
-    triangle_points,
-)
 
 # The fibrous ring at the base contracts half as much as the wall below it.
 _BASE_RESTRAINT: Final = 0.5
@@ -146,14 +135,14 @@ class MaterialPoints:
         )
 
     @cached_property
-    def spheroid(self) -> Spheroid:
+    def spheroid(self) -> surface.Spheroid:
         """The resting shape without individual variation."""
         p = self.parameters
-        return Spheroid(p.length, p.radius, float(np.radians(p.truncation)))
+        return surface.Spheroid(p.length, p.radius, float(np.radians(p.truncation)))
 
     @cached_property
     def _individual(self) -> tuple[Floats, ...]:
-        n = directions(self.polar_angles, self.azimuths)
+        n = surface.directions(self.polar_angles, self.azimuths)
         return self.shape.at(n), self.displacement.at(n), self.lag.at(n)
 
     @cached_property
@@ -177,7 +166,7 @@ class MaterialPoints:
     def _regions(self) -> tuple[Floats, Floats, Floats]:
         """Working share, lateness and earliness of the points (row 0) and of those below them."""
         share = np.concatenate([[1.0], (_QUADRATURE[0] + 1) / 2])
-        n = directions(share[:, None] * self.polar_angles, self.azimuths)
+        n = surface.directions(share[:, None] * self.polar_angles, self.azimuths)
         p = self.parameters
         # The wall between the late (1) and the early side (0), and how septal it is.
         late = (1.0 + n[..., :2] @ _across(p.delay_azimuth)) / 2
@@ -266,18 +255,18 @@ class Acquisition:
     start_phase: float = 0.0
     is_closed: bool = False
     noise: float = 0.0
-    pose: Pose = field(default_factory=Pose)
+    pose: surface.Pose = field(default_factory=surface.Pose)
 
     def __post_init__(self) -> None:
         whole("n_frames", self.n_frames)
         for name in ("start_phase", "noise"):
             real(name, getattr(self, name))
         if not 1 <= self.n_frames <= 10_000:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"{self.n_frames} frames were requested.", remedy="Use 1 to 10,000 frames."
             )
         if not (np.isfinite(self.start_phase) and 0.0 <= self.noise < np.inf):
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The start phase is {self.start_phase} and the noise {self.noise} mm.",
                 remedy="Use a finite phase and a finite noise, 0 or more.",
             )
@@ -288,10 +277,10 @@ def simulate_ventricle(
     *,
     grid: tuple[int, int] = (32, 64),
     n_vertices: int | None = None,
-    spacing: Spacing = Spacing.ARC,
+    spacing: surface.Spacing = surface.Spacing.ARC,
     acquisition: Acquisition | None = None,
-    rng: np.random.Generator | None = None,
-) -> MeshSequence:
+    rng: "np.random.Generator | None" = None,
+) -> sequence.MeshSequence:
     """Simulate one heartbeat of a left ventricle's inner surface.
 
     Parameters
@@ -338,7 +327,7 @@ def simulate_ventricle(
     is_random = n_vertices is not None or recorded.noise > 0
     if rng is None:
         if is_random or p.shape_variation > 0 or p.motion_variation > 0:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "Variation, noise and triangulation are random, but no generator came.",
                 remedy="Give rng=numpy.random.default_rng(seed).",
             )
@@ -349,11 +338,11 @@ def simulate_ventricle(
         random_field(p.motion_variation, _FINE, rng),
         random_field(p.motion_variation, _COARSE, rng),
     )
-    spheroid = Spheroid(p.length, p.radius, float(np.radians(p.truncation)))
+    spheroid = surface.Spheroid(p.length, p.radius, float(np.radians(p.truncation)))
     if n_vertices is None:
-        points = lattice_points(spheroid, grid, spacing)
+        points = surface.lattice_points(spheroid, grid, spacing)
     else:
-        points = triangle_points(spheroid, n_vertices, rng)
+        points = surface.triangle_points(spheroid, n_vertices, rng)
     motion = MaterialPoints(p, points.polar_angles, points.azimuths, *fields)
     radial = _radial_contraction(motion, points)
 
@@ -364,14 +353,14 @@ def simulate_ventricle(
     vertices = recorded.pose.place(vertices, beats, np.array([0.0, 0.0, p.length / 2]))
     if recorded.noise > 0:
         vertices += rng.normal(0.0, recorded.noise, vertices.shape)
-    return mesh_sequence(
+    return sequence.mesh_sequence(
         vertices,
         points.faces,
         grid=points.grid,
         topology=CUP,
         times=beats * p.period,
         unit="mm",
-        facts=Facts(
+        facts=mesh.Facts(
             tracking="material",
             handedness="right",
             period=p.period,
@@ -381,12 +370,12 @@ def simulate_ventricle(
     )
 
 
-def _radial_contraction(motion: MaterialPoints, points: Points) -> float:
+def _radial_contraction(motion: MaterialPoints, points: surface.Points) -> float:
     """Radial contraction that gives the mesh its ejection fraction."""
     p, beat = motion.parameters, motion.parameters.beat
-    coarse = lattice_points(motion.spheroid, _SEARCH_GRID)
+    coarse = surface.lattice_points(motion.spheroid, _SEARCH_GRID)
     search = replace(motion, polar_angles=coarse.polar_angles, azimuths=coarse.azimuths)
-    cavity = Cavity(coarse.faces)
+    cavity = mesh.Cavity(coarse.faces)
     time = (beat.end_systole + beat.relaxed) / 2
     times = np.linspace(0.6 * beat.end_systole, beat.relaxed + p.delay, _N_SEARCH_TIMES)
     step = times[1] - times[0]
@@ -398,7 +387,7 @@ def _radial_contraction(motion: MaterialPoints, points: Points) -> float:
         if min(volumes) > (1.0 - _SMALLEST_EJECTION) * _volume(cavity, full, radial):
             break
         time = times[int(np.argmin(volumes))]
-    cavity, full = Cavity(points.faces), motion.at(0.0)
+    cavity, full = mesh.Cavity(points.faces), motion.at(0.0)
     radial = _solve(p, cavity, full, motion.at(time))
 
     def volume(time: float) -> float:
@@ -413,11 +402,11 @@ def _radial_contraction(motion: MaterialPoints, points: Points) -> float:
     return _solve(p, cavity, full, motion.at(time))
 
 
-def _volume(cavity: Cavity, moment: Moment, radial: float) -> float:
+def _volume(cavity: mesh.Cavity, moment: Moment, radial: float) -> float:
     return float(cavity.volume(moment.positions(radial)))
 
 
-def _solve(p: VentricleParameters, cavity: Cavity, relaxed: Moment, moment: Moment) -> float:
+def _solve(p: VentricleParameters, cavity: mesh.Cavity, relaxed: Moment, moment: Moment) -> float:
     """Radial contraction with which the volume at `moment` is the end-systolic one."""
     full = cavity.volume(relaxed.positions(0.0))
     passive, pull = moment.positions(0.0), moment.positions(1.0)
@@ -429,7 +418,7 @@ def _solve(p: VentricleParameters, cavity: Cavity, relaxed: Moment, moment: Mome
 
     low, high = excess(_LEAST_RADIAL), excess(_MOST_RADIAL)
     if not low > 0 > high:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"An ejection fraction of {p.ejection_fraction} cannot be reached with a "
             f"longitudinal shortening of {p.longitudinal_shortening}.",
             remedy="Bring the two nearer to each other, or make the akinetic region smaller.",

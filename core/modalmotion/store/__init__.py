@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from modalmotion.store.backups import backup_time as backup_time
     from modalmotion.store.backups import restore as restore
     from modalmotion.store.disk import write_atomic as write_atomic
-    from modalmotion.store.folder import UNSET as UNSET
-    from modalmotion.store.folder import SequenceRecord as SequenceRecord
-    from modalmotion.store.folder import record_of as record_of
-    from modalmotion.store.folder import record_to_json as record_to_json
+    from modalmotion.store.folders import UNSET as UNSET
+    from modalmotion.store.folders import SequenceRecord as SequenceRecord
+    from modalmotion.store.folders import record_of as record_of
+    from modalmotion.store.folders import record_to_json as record_to_json
     from modalmotion.store.images import ImagesRecord as ImagesRecord
     from modalmotion.store.images import images_record_of as images_record_of
     from modalmotion.store.index import SequencePage as SequencePage

@@ -1,7 +1,5 @@
 """A copy of a store, made while it is in use: without what was deleted, with what was lost."""
 
-from __future__ import annotations
-
 import contextlib
 import filecmp
 import shutil
@@ -25,7 +23,7 @@ from modalmotion.store.disk import (
     temporary_beside,
     write_atomic,
 )
-from modalmotion.store.folder import FOLDERS, RENDERED, Folder
+from modalmotion.store.folders import FOLDERS, RENDERED, Folder
 from modalmotion.store.index import now
 from modalmotion.store.recovery import existing_store
 

@@ -5,8 +5,6 @@ rows as among a few. Rows of `sequences` are in the order in which they came, so
 page are neighbours; triggers keep the numbers in `counts`, and say which sequences were tracked.
 """
 
-from __future__ import annotations
-
 import contextlib
 import sqlite3
 import threading
@@ -17,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final, get_args
 
 from modalmotion.errors import CorruptFileError, StoreError
-from modalmotion.store.folder import ResultKind
+from modalmotion.store.folders import ResultKind
 
 VERSION: Final = 4
 

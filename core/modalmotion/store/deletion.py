@@ -6,8 +6,6 @@ the time alone: a file that is missing is either deleted or lost, and nothing el
 Backups read it, and `rebuild` and `restore`, which bring nothing back that was deleted.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import re
@@ -19,14 +17,7 @@ from typing import Final
 
 from modalmotion.classification.card import ModelRecord, ModelReference
 from modalmotion.errors import StoreError
-from modalmotion.store.disk import (
-    JsonForm,
-    make_folder,
-    remove_durably,
-    rename,
-    write_atomic,
-)
-from modalmotion.store.folder import Folder
+from modalmotion.store import disk, folders
 from modalmotion.store.index import Index, model_from, model_values, now, to_text
 
 TOMBSTONES: Final = "deleted"
@@ -55,8 +46,8 @@ def bury(root: Path, digest: str) -> None:
         If it cannot be written.
     """
     path = _path(root, digest)
-    make_folder(path.parent)
-    write_atomic(path, now().encode())
+    disk.make_folder(path.parent)
+    disk.write_atomic(path, now().encode())
 
 
 def bury_and_remove(root: Path, digest: str, *files: Path) -> None:
@@ -71,10 +62,10 @@ def bury_and_remove(root: Path, digest: str, *files: Path) -> None:
         bury(root, digest)
     except StoreError:
         # On a full disk the files themselves make room for it.
-        remove_durably(*files)
+        disk.remove_durably(*files)
         bury(root, digest)
     else:
-        remove_durably(*files)
+        disk.remove_durably(*files)
 
 
 def buried(root: Path, digest: str) -> str | None:
@@ -99,7 +90,7 @@ def forget_tombstones(root: Path, days: float = TOMBSTONE_DAYS) -> int:
     """
     past = time.time() - days * 86400
     old = [path for path in (root / TOMBSTONES).glob("*/*") if path.stat().st_mtime < past]
-    remove_durably(*old)
+    disk.remove_durably(*old)
     return len(old)
 
 
@@ -155,7 +146,7 @@ def _path(root: Path, digest: str) -> Path:
     return root / TOMBSTONES / name[:2] / name
 
 
-def begin_deletion(folder: Folder, sequence_id: str) -> None:
+def begin_deletion(folder: folders.Folder, sequence_id: str) -> None:
     """Mark a sequence as deleted, durably.
 
     Raises
@@ -165,12 +156,12 @@ def begin_deletion(folder: Folder, sequence_id: str) -> None:
     """
     record, mark = folder.path("records", sequence_id), folder.path("deletions", sequence_id)
     if record.is_file():
-        rename(record, mark)
+        disk.rename(record, mark)
     else:
-        write_atomic(mark, b"")
+        disk.write_atomic(mark, b"")
 
 
-def finish_deletion(folder: Folder, index: Index, sequence_id: str) -> None:
+def finish_deletion(folder: folders.Folder, index: Index, sequence_id: str) -> None:
     """Remove everything of a sequence that is marked as deleted.
 
     Raises
@@ -181,11 +172,11 @@ def finish_deletion(folder: Folder, index: Index, sequence_id: str) -> None:
     # Files before the index: on a full disk the index has no room to change until they go.
     files = [folder.path("uploads", sequence_id), folder.path("records", sequence_id)]
     try:
-        remove_durably(*files, *folder.derived(sequence_id))
+        disk.remove_durably(*files, *folder.derived(sequence_id))
         index.change(without=sequence_id)
         # Before the mark goes: without either, a backup would take the files for lost.
         bury(folder.root, sequence_id)
-        remove_durably(folder.path("deletions", sequence_id))
+        disk.remove_durably(folder.path("deletions", sequence_id))
     except StoreError as error:
         raise StoreError(
             f"The deletion of sequence {sequence_id[:12]} has begun, but could not be finished: "
@@ -196,7 +187,7 @@ def finish_deletion(folder: Folder, index: Index, sequence_id: str) -> None:
         ) from error
 
 
-FORM: Final = JsonForm(
+FORM: Final = disk.JsonForm(
     "deleted-model",
     1,
     "Restore it from a copy. Keep the file in any case: it shows that the version's number is "
@@ -204,7 +195,7 @@ FORM: Final = JsonForm(
 )
 
 
-def begin_model_deletion(folder: Folder, record: ModelRecord) -> ModelRecord:
+def begin_model_deletion(folder: folders.Folder, record: ModelRecord) -> ModelRecord:
     """Note durably that a version is deleted, and give its record from then on.
 
     Raises
@@ -213,7 +204,9 @@ def begin_model_deletion(folder: Folder, record: ModelRecord) -> ModelRecord:
         If that fails; nothing is changed then.
     """
     gone = replace(record, deleted=now())
-    write_atomic(folder.path("deleted_models", record.reference), FORM.write(model_values(gone)))
+    disk.write_atomic(
+        folder.path("deleted_models", record.reference), FORM.write(model_values(gone))
+    )
     return gone
 
 

@@ -1,7 +1,5 @@
 """Files on disk: written wholly or not at all, locked, and JSON with a seal."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl
@@ -216,7 +214,7 @@ def is_of_the_machine(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno in _OF_THE_MACHINE
 
 
-_held: Final[weakref.WeakSet[FolderLock]] = weakref.WeakSet()
+_held: "Final[weakref.WeakSet[FolderLock]]" = weakref.WeakSet()
 
 
 class FolderLock:

@@ -1,7 +1,5 @@
 """Images in a store, with records beside the samples: until they are tracked, or longer."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
@@ -9,16 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from modalmotion.errors import NotFoundError, StoreError
-from modalmotion.images import ImageSequence, Plane, PlaneSet
-from modalmotion.images.volume import parts_of
+from modalmotion.images import ImageSequence, Plane, PlaneSet, volume
 from modalmotion.notes import Note, notes_from_json
 from modalmotion.representation import shown
-from modalmotion.store.deletion import bury_and_remove
-from modalmotion.store.disk import rename
-from modalmotion.store.folder import IMAGES_FORM, SequenceRecord, is_id
+from modalmotion.store import deletion, disk, opening, sequences
+from modalmotion.store.folders import IMAGES_FORM, SequenceRecord, is_id
 from modalmotion.store.index import from_cursor, now, require_limit, to_cursor
-from modalmotion.store.opening import lost_file
-from modalmotion.store.sequences import SequenceStore
 
 
 @shown("kind", "n_frames", "shapes", "spacings", "is_kept", "id")
@@ -80,7 +74,7 @@ class ImagesRecord:
 def images_record_of(images: ImageSequence) -> ImagesRecord:
     """Record of images that nobody has put yet."""
     seen = [frame for frame in images.frames if frame is not None]
-    parts = parts_of(seen[0])
+    parts = volume.parts_of(seen[0])
     return ImagesRecord(
         id=images.id,
         kind="planes" if isinstance(seen[0], PlaneSet) else "volumes",
@@ -91,7 +85,7 @@ def images_record_of(images: ImageSequence) -> ImagesRecord:
         thicknesses=tuple(part.thickness for part in parts if isinstance(part, Plane)),
         times=None if images.times is None else tuple(images.times.tolist()),
         period=images.period,
-        n_bytes=sum(part.values.nbytes for frame in seen for part in parts_of(frame)),
+        n_bytes=sum(part.values.nbytes for frame in seen for part in volume.parts_of(frame)),
         notes=images.notes,
     )
 
@@ -118,7 +112,7 @@ def _tupled(value: Any) -> Any:
     return tuple(map(_tupled, value)) if isinstance(value, list) else value
 
 
-class ImageStore(SequenceStore):
+class ImageStore(sequences.SequenceStore):
     """A store of sequences that contains images too.
 
     They are few and soon gone, so they need no row in the index: a record beside the samples says
@@ -163,11 +157,11 @@ class ImageStore(SequenceStore):
             file.touch()
             # The samples first: what has a record is there.
             self._make_shards(path.parent)
-            rename(file, path)
+            disk.rename(file, path)
             try:
                 self._write_record(record)
             except BaseException:
-                rename(path, file)
+                disk.rename(path, file)
                 raise
             return record, True
 
@@ -206,7 +200,7 @@ class ImageStore(SequenceStore):
         if not path.is_file():
             # Deleted since, or gone.
             self.images_record(images_id)
-            raise lost_file(f"The file of images {images_id[:12]}", "Send the images again")
+            raise opening.lost_file(f"The file of images {images_id[:12]}", "Send the images again")
         return path
 
     def list_images(
@@ -294,7 +288,7 @@ class ImageStore(SequenceStore):
                 self._folder.path("image_records", images_id),
                 self._folder.path("images", images_id),
             )
-            bury_and_remove(self.root, images_id, *files)
+            deletion.bury_and_remove(self.root, images_id, *files)
 
     def replace_sequence(
         self,

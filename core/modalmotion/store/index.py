@@ -1,7 +1,5 @@
 """The index of sequences, results and models, and cursors into its lists."""
 
-from __future__ import annotations
-
 import base64
 import binascii
 import json
@@ -13,13 +11,12 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Final
 
+from modalmotion import errors, mesh
 from modalmotion.classification.card import ModelRecord
-from modalmotion.errors import ParameterError
-from modalmotion.mesh import facts_from_json
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 from modalmotion.store.database import SEQUENCE_COLUMNS, Database
-from modalmotion.store.folder import ResultKind, ResultName, SequenceRecord, record_values
+from modalmotion.store.folders import ResultKind, ResultName, SequenceRecord, record_values
 
 LARGEST_PAGE: Final = 1000
 
@@ -53,7 +50,7 @@ def from_cursor(cursor: str | None) -> tuple[str, str]:
         padded = cursor.encode("ascii") + b"=" * (-len(cursor) % 4)
         created, row_id = base64.b64decode(padded, altchars=b"-_", validate=True).decode().split()
     except (binascii.Error, ValueError):
-        raise ParameterError(
+        raise errors.ParameterError(
             f"{cursor[:40]!r} is not a cursor.",
             remedy="Use the cursor of the page before, unchanged, or none for the first page.",
         ) from None
@@ -69,7 +66,7 @@ def require_limit(limit: int) -> int:
         If it is not between 1 and 1000.
     """
     if not 1 <= limit <= LARGEST_PAGE:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"A page of {limit} was requested; a page has 1 to {LARGEST_PAGE}.",
             remedy=f"Ask for 1 to {LARGEST_PAGE}, and for further pages by cursor.",
             details={"limit": limit, "largest": LARGEST_PAGE},
@@ -109,7 +106,7 @@ class Index:
         self.database = database
         # Most sequences of a store state the same few. Of each store by itself: from the time of a
         # list nobody is to learn what another owner's sequences state.
-        self._facts = lru_cache(maxsize=64)(lambda text: facts_from_json(json.loads(text)))
+        self._facts = lru_cache(maxsize=64)(lambda text: mesh.facts_from_json(json.loads(text)))
 
     def find(self, sequence_id: str, *, tracked: bool = False) -> SequenceRecord | None:
         """Record of a sequence, only if it was tracked if so; None if there is none."""

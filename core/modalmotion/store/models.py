@@ -1,38 +1,17 @@
 """Models, templates and norms of a store."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 
-from modalmotion.classification.card import (
-    ModelRecord,
-    is_model_name,
-    require_model_name,
-)
+from modalmotion.classification import card, model_files
 from modalmotion.classification.model import Model
-from modalmotion.classification.model_files import (
-    KeptModel,
-    kept_model,
-    model_from_hdf5,
-    model_to_hdf5,
-    numbered,
-    read_kept_model,
-)
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
 from modalmotion.hdf5.image import require_match
 from modalmotion.hdf5.sealed import is_sound, load_sealed
 from modalmotion.norm.norm import Norm, norm_from_hdf5, norm_to_hdf5
-from modalmotion.store.deletion import (
-    begin_model_deletion,
-    bury_and_remove,
-    digest_of_norm,
-)
-from modalmotion.store.disk import remove_durably
-from modalmotion.store.folder import is_id
+from modalmotion.store import deletion, disk, folders, sequences
 from modalmotion.store.index import now
 from modalmotion.store.opening import Opening, lost_file
-from modalmotion.store.sequences import SequenceStore
 
 
 class ModelStore(Opening):
@@ -44,7 +23,7 @@ class ModelStore(Opening):
         The folder; made where it is missing.
     """
 
-    def put_model(self, model: Model | KeptModel) -> ModelRecord:
+    def put_model(self, model: Model | model_files.KeptModel) -> card.ModelRecord:
         """Keep a model as the next version of its name.
 
         Parameters
@@ -65,8 +44,8 @@ class ModelStore(Opening):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        stored_model = kept_model(model) if isinstance(model, Model) else model
-        name = require_model_name(stored_model.record.name)
+        stored_model = model_files.kept_model(model) if isinstance(model, Model) else model
+        name = card.require_model_name(stored_model.record.name)
         index = self._open_index()
         with self._changing(_lock_of(name)):
             training = stored_model.record.training
@@ -76,14 +55,15 @@ class ModelStore(Opening):
             # By the files, for one that is damaged has no row, and keeps its number.
             versions = [record.version for record in index.versions(name)]
             version = 1 + max(self._folder.last_version(name), *versions, 0)
-            new_version = numbered(stored_model, version, now())
+            new_version = model_files.numbered(stored_model, version, now())
             path = self._folder.path("models", new_version.record.reference)
             self._write(
-                [(path, model_to_hdf5(new_version))], lambda: index.put_model(new_version.record)
+                [(path, model_files.model_to_hdf5(new_version))],
+                lambda: index.put_model(new_version.record),
             )
             return new_version.record
 
-    def model_record(self, name: str, version: int | None = None) -> ModelRecord:
+    def model_record(self, name: str, version: int | None = None) -> card.ModelRecord:
         """Look up a version of a model, the newest by default.
 
         Raises
@@ -91,7 +71,7 @@ class ModelStore(Opening):
         NotFoundError
             If there is none, or it was deleted.
         """
-        versions = self._open_index().versions(name) if is_model_name(name) else []
+        versions = self._open_index().versions(name) if card.is_model_name(name) else []
         remaining = [record for record in versions if record.deleted is None]
         matches = [record for record in versions if version in (None, record.version)]
         for record in reversed(matches):
@@ -111,7 +91,7 @@ class ModelStore(Opening):
             details={"model": name, "version": version},
         )
 
-    def model_versions(self, name: str) -> tuple[ModelRecord, ...]:
+    def model_versions(self, name: str) -> tuple[card.ModelRecord, ...]:
         """Versions of a model from the first to the newest, without deleted ones.
 
         Raises
@@ -122,15 +102,15 @@ class ModelStore(Opening):
         self.model_record(name)
         return tuple(r for r in self._open_index().versions(name) if r.deleted is None)
 
-    def models(self) -> tuple[ModelRecord, ...]:
+    def models(self) -> tuple[card.ModelRecord, ...]:
         """All versions of all models by name and number, without deleted ones."""
         return tuple(record for record in self._open_index().models() if record.deleted is None)
 
-    def models_with_id(self, model_id: str) -> tuple[ModelRecord, ...]:
+    def models_with_id(self, model_id: str) -> tuple[card.ModelRecord, ...]:
         """All versions that are the model of that id, deleted ones too."""
         return tuple(self._open_index().models("WHERE id = ? ORDER BY name, version", model_id))
 
-    def model_of_training(self, training: str) -> ModelRecord | None:
+    def model_of_training(self, training: str) -> card.ModelRecord | None:
         """Find the version that a training has made, None if it has made none yet."""
         made = self._open_index().models("WHERE training = ?", training)
         return made[0] if made else None
@@ -155,7 +135,7 @@ class ModelStore(Opening):
             )
         return path
 
-    def kept_model(self, name: str, version: int) -> KeptModel:
+    def kept_model(self, name: str, version: int) -> model_files.KeptModel:
         """Read the file of a version without interpreting the model in it.
 
         Raises
@@ -166,7 +146,7 @@ class ModelStore(Opening):
             If its file is damaged; LostFileError if it is gone.
         """
         path = self.model_path(name, version)
-        stored_model, contents = read_kept_model(path)
+        stored_model, contents = model_files.read_kept_model(path)
         require_match(path, contents, model=name, version=version)
         return stored_model
 
@@ -181,7 +161,7 @@ class ModelStore(Opening):
             If its file is damaged or missing.
         """
         record = self.model_record(name, version)
-        return model_from_hdf5(self._folder.path("models", record.reference))
+        return model_files.model_from_hdf5(self._folder.path("models", record.reference))
 
     def delete_model(self, name: str, version: int) -> None:
         """Delete a version of a model; its number is not used again.
@@ -199,10 +179,10 @@ class ModelStore(Opening):
         index = self._open_index()
         with self._changing(_lock_of(name)):
             record = self.model_record(name, version)
-            gone = begin_model_deletion(self._folder, record)
+            gone = deletion.begin_model_deletion(self._folder, record)
             # From here on it is deleted, whatever happens.
             index.put_model(gone)
-            remove_durably(self._folder.path("models", gone.reference))
+            disk.remove_durably(self._folder.path("models", gone.reference))
 
 
 def _lock_of(name: str) -> str:
@@ -210,7 +190,7 @@ def _lock_of(name: str) -> str:
     return hashlib.sha256(name.encode()).hexdigest()
 
 
-class TemplateStore(SequenceStore):
+class TemplateStore(sequences.SequenceStore):
     """A store of sequences that keeps templates too.
 
     A template is named by its origin, so it needs no row in the index: it is there
@@ -238,7 +218,7 @@ class TemplateStore(SequenceStore):
         CorruptFileError
             If the image has no sound seal.
         """
-        if not is_id(template_id):
+        if not folders.is_id(template_id):
             raise StoreError(
                 f"A template cannot be kept as {str(template_id)[:12]!r}: that is not a digest.",
                 remedy="Use the template's own id.",
@@ -260,7 +240,7 @@ class TemplateStore(SequenceStore):
         """
         self._open_index()
         if (
-            not is_id(template_id)
+            not folders.is_id(template_id)
             or not (path := self._folder.path("templates", template_id)).is_file()
         ):
             raise NotFoundError(
@@ -285,7 +265,7 @@ class TemplateStore(SequenceStore):
             If its file cannot be removed.
         """
         with self._changing(template_id):
-            bury_and_remove(self.root, template_id, self.template_path(template_id))
+            deletion.bury_and_remove(self.root, template_id, self.template_path(template_id))
 
 
 class NormStore(Opening):
@@ -306,8 +286,8 @@ class NormStore(Opening):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        path = self._folder.path("norms", require_model_name(norm.name))
-        with self._changing(digest_of_norm(norm.name)):
+        path = self._folder.path("norms", card.require_model_name(norm.name))
+        with self._changing(deletion.digest_of_norm(norm.name)):
             known = norm_from_hdf5(path).id if is_sound(path) else None
             if known is None:
                 self._write([(path, norm_to_hdf5(norm))], lambda: None)
@@ -328,7 +308,7 @@ class NormStore(Opening):
             If there is none.
         """
         self._open_index()
-        if not is_model_name(name) or not self._folder.path("norms", name).is_file():
+        if not card.is_model_name(name) or not self._folder.path("norms", name).is_file():
             raise NotFoundError(
                 f"There is no norm named {str(name)[:80]!r}.",
                 remedy="Use one that is listed, or make it of your controls.",
@@ -363,6 +343,6 @@ class NormStore(Opening):
         StoreError
             If its file cannot be removed.
         """
-        digest = digest_of_norm(name)
+        digest = deletion.digest_of_norm(name)
         with self._changing(digest):
-            bury_and_remove(self.root, digest, self.norm_path(name))
+            deletion.bury_and_remove(self.root, digest, self.norm_path(name))

@@ -1,7 +1,5 @@
 """Opening a store, closing it, changing it under its locks, and the records of its sequences."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -10,11 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Self, TypeVar
 
-from modalmotion.errors import LostFileError, NotFoundError, ParameterError, StoreError
+from modalmotion import errors, mesh
 from modalmotion.hdf5.image import Contents, require_match
-from modalmotion.mesh import NO_FACTS, Facts
+from modalmotion.store import deletion, folders, recovery
 from modalmotion.store.database import Database
-from modalmotion.store.deletion import finish_deletion, forget_tombstones
 from modalmotion.store.disk import (
     FolderLock,
     cannot_write,
@@ -24,17 +21,7 @@ from modalmotion.store.disk import (
     sync_paths,
     write_atomic,
 )
-from modalmotion.store.folder import (
-    UNSET,
-    Folder,
-    SequenceRecord,
-    Unset,
-    is_id,
-    record_to_json,
-    require_name,
-)
 from modalmotion.store.index import Index, SequencePage
-from modalmotion.store.recovery import reconcile
 
 _N_STRIPES: Final = 64
 
@@ -54,7 +41,7 @@ class Opening:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self._folder = Folder(root)
+        self._folder = folders.Folder(root)
         self._lock: FolderLock | None = None
         self._index: Index | None = None
         self._is_clean = True
@@ -72,7 +59,7 @@ class Opening:
             If another process has the folder, or the index cannot be used.
         """
         if self._index is not None:
-            raise StoreError("The store is open already.", remedy="Open it once.")
+            raise errors.StoreError("The store is open already.", remedy="Open it once.")
         if not self.root.is_dir():
             make_folder(self.root)
         lock = FolderLock(self._folder.lock)
@@ -81,8 +68,8 @@ class Opening:
             try:
                 index = Index(database)
                 if not index.is_clean:
-                    reconcile(self._folder, index, thorough=False)
-                forget_tombstones(self.root)
+                    recovery.reconcile(self._folder, index, thorough=False)
+                deletion.forget_tombstones(self.root)
                 index.set_clean(False)
             except BaseException:
                 database.close()
@@ -124,7 +111,7 @@ class Opening:
     def _open_index(self) -> Index:
         index, lock = self._index, self._lock
         if index is None or lock is None or not lock.is_held:
-            raise StoreError(
+            raise errors.StoreError(
                 "The store is not open in this process.",
                 remedy="Use it inside `with ResultStore(...)`; a forked process opens its own.",
             )
@@ -146,9 +133,9 @@ class Opening:
                     name for name in sequence_ids if self._folder.path("deletions", name).exists()
                 }
                 for name in deleted:
-                    finish_deletion(self._folder, index, name)
+                    deletion.finish_deletion(self._folder, index, name)
                 yield bool(deleted)
-            except NotFoundError:
+            except errors.NotFoundError:
                 raise
             except BaseException:
                 self._is_clean = False
@@ -223,7 +210,7 @@ class Opening:
         raise lost_file(what, "Make it again")
 
 
-def lost_file(what: str, way: str) -> LostFileError:
+def lost_file(what: str, way: str) -> errors.LostFileError:
     """Error for a file that the index knows and that is gone.
 
     Parameters
@@ -233,15 +220,15 @@ def lost_file(what: str, way: str) -> LostFileError:
     way : str
         Beginning of a remedy.
     """
-    return LostFileError(
+    return errors.LostFileError(
         f"{what} is lost: it was stored and not deleted, and its file is missing.",
         remedy=f"{way}; or restore it from a backup (`modalmotion store restore`).",
     )
 
 
-def unknown_sequence(sequence_id: object) -> NotFoundError:
+def unknown_sequence(sequence_id: object) -> errors.NotFoundError:
     """Error for an id that the store does not know."""
-    return NotFoundError(
+    return errors.NotFoundError(
         f"There is no sequence {str(sequence_id)[:12]!r}.",
         remedy="Use the id returned when it was sent, or send it.",
     )
@@ -256,9 +243,9 @@ class SequenceRecords(Opening):
 
     def has_sequence(self, sequence_id: str) -> bool:
         """Whether a sequence is known."""
-        return is_id(sequence_id) and self._open_index().find(sequence_id) is not None
+        return folders.is_id(sequence_id) and self._open_index().find(sequence_id) is not None
 
-    def sequence_record(self, sequence_id: str) -> SequenceRecord:
+    def sequence_record(self, sequence_id: str) -> folders.SequenceRecord:
         """Look up the record of a sequence.
 
         Raises
@@ -267,14 +254,14 @@ class SequenceRecords(Opening):
             If there is no such sequence.
         """
         index = self._open_index()
-        record = index.find(sequence_id) if is_id(sequence_id) else None
+        record = index.find(sequence_id) if folders.is_id(sequence_id) else None
         if record is None:
             raise unknown_sequence(sequence_id)
         return record
 
-    def sequence_records(self, sequence_ids: Iterable[str]) -> dict[str, SequenceRecord]:
+    def sequence_records(self, sequence_ids: Iterable[str]) -> dict[str, folders.SequenceRecord]:
         """Look up the records of many sequences at once, by their ids; of those that there are."""
-        return self._open_index().find_all(filter(is_id, sequence_ids))
+        return self._open_index().find_all(filter(folders.is_id, sequence_ids))
 
     def list_sequences(
         self,
@@ -312,11 +299,11 @@ class SequenceRecords(Opening):
         self,
         sequence_id: str,
         *,
-        name: str | Unset | None = UNSET,
-        subject: str | Unset | None = UNSET,
-        label: str | Unset | None = UNSET,
-        change: Callable[[Facts], Facts] = lambda facts: facts,
-    ) -> SequenceRecord:
+        name: str | folders.Unset | None = folders.UNSET,
+        subject: str | folders.Unset | None = folders.UNSET,
+        label: str | folders.Unset | None = folders.UNSET,
+        change: Callable[[mesh.Facts], mesh.Facts] = lambda facts: facts,
+    ) -> folders.SequenceRecord:
         """Change the name, the subject, the label, the facts or all; omitted values stay.
 
         Results with other landmarks stay under their own keys; later results have new ones.
@@ -339,10 +326,10 @@ class SequenceRecords(Opening):
         """
         texts = {"name": name, "subject": subject, "label": label}
         stated: dict[str, Any] = {
-            what: text for what, text in texts.items() if not isinstance(text, Unset)
+            what: text for what, text in texts.items() if not isinstance(text, folders.Unset)
         }
         for what, text in stated.items():
-            require_name(what, text)
+            folders.require_name(what, text)
         self.sequence_record(sequence_id)
         with self._changing(sequence_id):
             known = self.sequence_record(sequence_id)
@@ -352,12 +339,12 @@ class SequenceRecords(Opening):
             return self._restate(known, replace(known, facts=facts, **stated), erases=True)
 
     def _restate(
-        self, known: SequenceRecord, record: SequenceRecord, *, erases: bool = False
-    ) -> SequenceRecord:
+        self, known: folders.SequenceRecord, record: folders.SequenceRecord, *, erases: bool = False
+    ) -> folders.SequenceRecord:
         """Write a record over the known one, inside `_changing`."""
         if record != known:
             index = self._open_index()
-            file = (self._folder.path("records", record.id), record_to_json(record))
+            file = (self._folder.path("records", record.id), folders.record_to_json(record))
             self._write([file], lambda: index.change([record], erases=erases))
         return record
 
@@ -367,9 +354,9 @@ class SequenceRecords(Opening):
         *,
         subject: str | None = None,
         label: str | None = None,
-        facts: Facts = NO_FACTS,
-        offered: Facts = NO_FACTS,
-    ) -> tuple[SequenceRecord, tuple[str, ...]]:
+        facts: mesh.Facts = mesh.NO_FACTS,
+        offered: mesh.Facts = mesh.NO_FACTS,
+    ) -> tuple[folders.SequenceRecord, tuple[str, ...]]:
         """Fill in what is not known of a sequence yet; what is known must agree.
 
         Parameters
@@ -397,8 +384,8 @@ class SequenceRecords(Opening):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        require_name("subject", subject)
-        require_name("label", label)
+        folders.require_name("subject", subject)
+        folders.require_name("label", label)
         with self._changing(sequence_id):
             known = self.sequence_record(sequence_id)
             stated: dict[str, Any] = {"subject": subject, "label": label}
@@ -408,10 +395,10 @@ class SequenceRecords(Opening):
             ]
             completed = known.facts.over(facts)
             differ += completed.changed(facts.over(known.facts))
-            with contextlib.suppress(ParameterError):
+            with contextlib.suppress(errors.ParameterError):
                 completed = completed.over(offered)
             if differ:
-                raise ParameterError(
+                raise errors.ParameterError(
                     f"The sequence is known with another {' and another '.join(differ)}; nothing "
                     "was changed.",
                     remedy="Change it with `update_sequence`.",

@@ -1,45 +1,22 @@
 """The index compared with the folder: verified, rebuilt, and repaired after a crash."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from modalmotion.classification.answer import read_classification
-from modalmotion.classification.card import ModelRecord, ModelReference
-from modalmotion.classification.model_files import read_kept_model
+from modalmotion.classification import answer, card, model_files
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
-from modalmotion.hdf5.image import require_match
-from modalmotion.hdf5.sealed import digest_of
+from modalmotion.hdf5 import image, sealed
 from modalmotion.images.hdf5 import read_images_file
 from modalmotion.mesh.sequence import read_sequence
 from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Reporter, reported
 from modalmotion.representation import shown
 from modalmotion.signature.hdf5 import read_signature
+from modalmotion.store import deletion, disk, folders
 from modalmotion.store.database import Database, ServiceTable
-from modalmotion.store.deletion import (
-    buried,
-    deleted_record,
-    digest_of_norm,
-    finish_deletion,
-    is_older,
-)
-from modalmotion.store.disk import FolderLock, remove_durably, write_atomic
-from modalmotion.store.folder import (
-    IMAGES_FORM,
-    RENDERED,
-    Folder,
-    ResultName,
-    Scan,
-    SequenceRecord,
-    read_record,
-    record_of,
-    record_to_json,
-)
 from modalmotion.store.index import Index, put_models, put_records, put_results, to_text
 from modalmotion.template.template import read_template
 from modalmotion.tracking.hdf5 import read_track
@@ -49,42 +26,44 @@ _STRANGE_VERTICES: Final = "Its vertices are not those that its id represents."
 # Readers of whole files: each gives what the index has of one, if that has a row of it.
 
 
-def _record(path: Path, sequence_id: str) -> SequenceRecord:
-    record = read_record(path)
+def _record(path: Path, sequence_id: str) -> folders.SequenceRecord:
+    record = folders.read_record(path)
     if record.id != sequence_id:
         raise CorruptFileError("It is the record of another sequence.")
     return record
 
 
-def _upload(path: Path, sequence_id: str) -> SequenceRecord:
+def _upload(path: Path, sequence_id: str) -> folders.SequenceRecord:
     """Record made of the vertices, which know neither subject nor label, nor when they came."""
     sequence, contents = read_sequence(path)
-    require_match(path, contents, sequence_id=sequence_id)
+    image.require_match(path, contents, sequence_id=sequence_id)
     if sequence.id != sequence_id:
         raise StoreError(_STRANGE_VERTICES)
-    return record_of(sequence, created=to_text(path.stat().st_mtime), has_upload=True)
+    return folders.record_of(sequence, created=to_text(path.stat().st_mtime), has_upload=True)
 
 
-def _result(path: Path, name: ResultName) -> str:
+def _result(path: Path, name: folders.ResultName) -> str:
     ids = {"sequence_id": name.sequence_id, "parameters_key": name.key}
     if name.kind == "signature":
-        require_match(path, read_signature(path)[1], **ids)
+        image.require_match(path, read_signature(path)[1], **ids)
     elif name.kind == "classification":
-        require_match(path, read_classification(path)[1], **ids, model_id=name.model_id)
+        image.require_match(
+            path, answer.read_classification(path)[1], **ids, model_id=name.model_id
+        )
     else:
         track, contents = read_track(path)
-        require_match(path, contents, sequence_id=name.sequence_id)
+        image.require_match(path, contents, sequence_id=name.sequence_id)
         if track.sequence.id != name.sequence_id:
             raise StoreError(_STRANGE_VERTICES)
-    return digest_of(path.read_bytes())
+    return sealed.digest_of(path.read_bytes())
 
 
 def _template(path: Path, template_id: str) -> None:
-    require_match(path, read_template(path)[1], template_id=template_id)
+    image.require_match(path, read_template(path)[1], template_id=template_id)
 
 
 def _images_record(path: Path, images_id: str) -> None:
-    if IMAGES_FORM.read(path).get("id") != images_id:
+    if folders.IMAGES_FORM.read(path).get("id") != images_id:
         raise StoreError("It is the record of other images.")
     if not path.with_suffix(".h5").exists():
         raise StoreError("The samples that it describes are missing.")
@@ -100,9 +79,9 @@ def _norm(path: Path, name: str) -> None:
         raise StoreError("It is the norm of another name.")
 
 
-def _model(path: Path, reference: ModelReference) -> ModelRecord:
-    model, contents = read_kept_model(path)
-    require_match(path, contents, model=reference.name, version=reference.version)
+def _model(path: Path, reference: card.ModelReference) -> card.ModelRecord:
+    model, contents = model_files.read_kept_model(path)
+    image.require_match(path, contents, model=reference.name, version=reference.version)
     return model.record
 
 
@@ -115,13 +94,13 @@ _READERS: Final[dict[str, Callable[[Path, Any], Any]]] = {
     "images": _images,
     "norms": _norm,
     "models": _model,
-    "deleted_models": deleted_record,
+    "deleted_models": deletion.deleted_record,
 }
 """By place."""
 
 
 def _rows(
-    folder: Folder, files: Iterable[tuple[str, Any]], progress: Reporter | None
+    folder: folders.Folder, files: Iterable[tuple[str, Any]], progress: Reporter | None
 ) -> Iterator[tuple[Path, str, Any, Any]]:
     """Read files of places and names: gives path, place, name, and the row or what is wrong."""
     chosen = sorted(((folder.path(*file), *file) for file in files), key=lambda file: file[0])
@@ -206,7 +185,7 @@ def verify(root: Path, *, progress: Reporter | None = None) -> VerifyReport:
     unfinished: list[Path] = []
     known: dict[str, Callable[[Any], Any]] = {}
     is_clean, n_bytes = False, 0
-    with FolderLock(folder.lock), contextlib.ExitStack() as stack:
+    with disk.FolderLock(folder.lock), contextlib.ExitStack() as stack:
         scan = folder.scan()
         if not folder.index.is_file():
             faults = [Fault(folder.index.name, "It is missing; `modalmotion store rebuild`.")]
@@ -253,7 +232,7 @@ def verify(root: Path, *, progress: Reporter | None = None) -> VerifyReport:
 
 
 def _problem(
-    scan: Scan, known: dict[str, Callable[[Any], Any]], place: str, name: Any, row: Any
+    scan: folders.Scan, known: dict[str, Callable[[Any], Any]], place: str, name: Any, row: Any
 ) -> str:
     """Return what is wrong with a file that can be read, among the others and in the index."""
     if place == "uploads" and not (name in scan["records"] or name in scan["deletions"]):
@@ -269,7 +248,9 @@ def _problem(
     return ""
 
 
-def _index_faults(folder: Folder, index: Index, scan: Scan) -> tuple[list[str], list[str]]:
+def _index_faults(
+    folder: folders.Folder, index: Index, scan: folders.Scan
+) -> tuple[list[str], list[str]]:
     """List what is wrong with an index by itself, and files that it knows and that are missing."""
     problems = index.database.faults()
     models = {record.reference for record in index.models()}
@@ -341,7 +322,7 @@ def rebuild(root: Path, *, progress: Reporter | None = None) -> Reconciliation:
         If another process has it open, or it cannot be written.
     """
     folder = existing_store(root)
-    with FolderLock(folder.lock):
+    with disk.FolderLock(folder.lock):
         database, service_tables_lost = _usable(folder)
         try:
             index = Index(database)
@@ -350,11 +331,11 @@ def rebuild(root: Path, *, progress: Reporter | None = None) -> Reconciliation:
         finally:
             database.close()
         # From here on it is a store, if it was a backup.
-        remove_durably(root / "backup.json")
+        disk.remove_durably(root / "backup.json")
     return replace(reconciliation, service_tables_lost=service_tables_lost)
 
 
-def existing_store(root: Path) -> Folder:
+def existing_store(root: Path) -> folders.Folder:
     """Folder of a store that is there.
 
     Raises
@@ -362,7 +343,7 @@ def existing_store(root: Path) -> Folder:
     NotFoundError
         If there is none.
     """
-    folder = Folder(root)
+    folder = folders.Folder(root)
     if not folder.exists:
         raise NotFoundError(
             f"'{root.name}' contains no store.",
@@ -371,7 +352,7 @@ def existing_store(root: Path) -> Folder:
     return folder
 
 
-def _usable(folder: Folder) -> tuple[Database, bool]:
+def _usable(folder: folders.Folder) -> tuple[Database, bool]:
     """Index to write to, and whether tables of others were lost with a damaged one."""
     tables: list[ServiceTable] | None = None
     with contextlib.suppress(CorruptFileError):
@@ -383,14 +364,14 @@ def _usable(folder: Folder) -> tuple[Database, bool]:
         with contextlib.suppress(StoreError):
             database.close()
     # The log goes first: beside a new index an old one would be a danger.
-    remove_durably(*reversed(folder.index_files))
+    disk.remove_durably(*reversed(folder.index_files))
     database = Database(folder.index)
     database.receive(tables or ())
     return database, tables is None
 
 
 def reconcile(
-    folder: Folder, index: Index, *, thorough: bool, progress: Reporter | None = None
+    folder: folders.Folder, index: Index, *, thorough: bool, progress: Reporter | None = None
 ) -> Reconciliation:
     """Make the index say what the files say.
 
@@ -409,12 +390,12 @@ def reconcile(
         If a file cannot be removed or written; the index is as it was.
     """
     scan = folder.scan()
-    remove_durably(*scan["temporaries"])
+    disk.remove_durably(*scan["temporaries"])
     scan["deletions"].update(_returned(folder, scan))
     for sequence_id in sorted(scan["deletions"]):
-        finish_deletion(folder, index, sequence_id)
+        deletion.finish_deletion(folder, index, sequence_id)
     for reference in scan["models"] & scan["deleted_models"]:
-        remove_durably(folder.path("models", reference))
+        disk.remove_durably(folder.path("models", reference))
     ids = (scan["records"] | scan["uploads"]) - scan["deletions"]
     results = {name for name in scan["results"] if name.sequence_id not in scan["deletions"]}
     known: dict[Any, Any] = {}
@@ -437,7 +418,7 @@ def reconcile(
             read[place][name] = row
     read["results"] |= known
     restored: list[str] = []
-    records: dict[str, SequenceRecord] = read["records"]
+    records: dict[str, folders.SequenceRecord] = read["records"]
     for sequence_id in sorted(ids):
         path, has_upload = folder.path("records", sequence_id), sequence_id in scan["uploads"]
         record, error = records.get(sequence_id), damaged.get(path)
@@ -452,11 +433,11 @@ def reconcile(
             damaged[path if path.exists() else upload] = unknown
             continue
         records[sequence_id] = replace(record, has_upload=has_upload)
-        write_atomic(path, record_to_json(records[sequence_id]))
+        disk.write_atomic(path, folders.record_to_json(records[sequence_id]))
         restored.append(folder.short(path))
         damaged.pop(path, None)
     known_models = {record.reference: record for record in index.models()}
-    models: dict[ModelReference, ModelRecord] = read["models"] | read["deleted_models"]
+    models: dict[card.ModelReference, card.ModelRecord] = read["models"] | read["deleted_models"]
     for reference in scan["deleted_models"] - models.keys():
         # The number is taken all the same; what the model was, the index may know.
         gone = known_models.get(reference)
@@ -485,7 +466,7 @@ def reconcile(
     )
 
 
-def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
+def _returned(folder: folders.Folder, scan: folders.Scan) -> Iterator[str]:
     """List sequences that are there though they were deleted; remove what else came back so.
 
     A copy of older files that was laid over the folder brings them; what was put after the
@@ -493,28 +474,28 @@ def _returned(folder: Folder, scan: Scan) -> Iterator[str]:
     """
     for sequence_id in scan["records"] - scan["deletions"]:
         with contextlib.suppress(StoreError):
-            time = buried(folder.root, sequence_id)
+            time = deletion.buried(folder.root, sequence_id)
             path = folder.path("records", sequence_id)
-            if time is not None and read_record(path).created <= time:
+            if time is not None and folders.read_record(path).created <= time:
                 yield sequence_id
     signatures = [name for name in scan["results"] if name.kind == "signature"]
     things = [
         *(("templates", one, one) for one in scan["templates"]),
-        *(("norms", one, digest_of_norm(one)) for one in scan["norms"]),
+        *(("norms", one, deletion.digest_of_norm(one)) for one in scan["norms"]),
         *(("results", one, folder.path("results", one).stem) for one in signatures),
         *(("images", one, one) for one in scan["images"] | scan["image_records"]),
     ]
     for place, name, digest in things:
-        time, path = buried(folder.root, digest), folder.path(place, name)
+        time, path = deletion.buried(folder.root, digest), folder.path(place, name)
         is_image = place == "images"
         # A record of images, or what was rendered of a signature.
-        beside = [path.with_suffix(RENDERED)] if is_image or place == "results" else []
+        beside = [path.with_suffix(folders.RENDERED)] if is_image or place == "results" else []
         # Of a signature its file decides, for what was rendered of the old one may lie beside it.
         is_back = time is not None and any(
-            one.exists() and is_older(one.stat().st_mtime, time)
+            one.exists() and deletion.is_older(one.stat().st_mtime, time)
             for one in (path, *(beside if is_image else []))
         )
         # Samples without a record: putting them was cut short, and never confirmed.
         if is_back or (is_image and name not in scan["image_records"]):
-            remove_durably(path, *beside)
+            disk.remove_durably(path, *beside)
             scan[place].discard(name)

@@ -1,37 +1,23 @@
 """Results of a store: signatures, classifications and tracks."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from modalmotion import errors, mesh
 from modalmotion.classification.answer import Classification, read_classification
-from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
-from modalmotion.mesh import NO_FACTS
 from modalmotion.signature.hdf5 import read_signature, signature_to_hdf5
 from modalmotion.signature.making import ModalSignature
-from modalmotion.store.deletion import bury
-from modalmotion.store.disk import remove_durably, write_atomic
-from modalmotion.store.folder import (
-    RENDERED,
-    ResultKind,
-    ResultName,
-    SequenceRecord,
-    is_id,
-    is_key,
-    track_name,
-)
+from modalmotion.store import deletion, disk, folders, sequences
 from modalmotion.store.images import ImageStore
 from modalmotion.store.models import ModelStore, NormStore, TemplateStore
-from modalmotion.store.sequences import SequenceStore
 from modalmotion.tracking.hdf5 import read_track, track_to_hdf5
 from modalmotion.tracking.result import Track
 
 
-class TrackStore(SequenceStore):
+class TrackStore(sequences.SequenceStore):
     """A store of sequences that keeps how some of them were tracked.
 
     Whoever deletes the sequence deletes the track, and the other way round: `delete_sequence`.
@@ -41,11 +27,11 @@ class TrackStore(SequenceStore):
         self,
         sequence: Path,
         track: Path,
-        record: SequenceRecord,
+        record: folders.SequenceRecord,
         *,
         subject: str | None = None,
         label: str | None = None,
-    ) -> tuple[SequenceRecord, bool]:
+    ) -> tuple[folders.SequenceRecord, bool]:
         """Keep a track that another process has written, and its sequence: both or none.
 
         Parameters
@@ -73,10 +59,10 @@ class TrackStore(SequenceStore):
             If an image has no sound seal.
         """
         named = replace(record, subject=subject, label=label)
-        images = {track_name(record.id): lambda: load_sealed(track)[1]}
+        images = {folders.track_name(record.id): lambda: load_sealed(track)[1]}
         return self._put(named, lambda: load_sealed(sequence)[1], images)
 
-    def track_record(self, track_id: str) -> SequenceRecord:
+    def track_record(self, track_id: str) -> folders.SequenceRecord:
         """Look up the record of a tracked sequence.
 
         Raises
@@ -85,9 +71,9 @@ class TrackStore(SequenceStore):
             If there is no such track.
         """
         index = self._open_index()
-        record = index.find(track_id, tracked=True) if is_id(track_id) else None
+        record = index.find(track_id, tracked=True) if folders.is_id(track_id) else None
         if record is None:
-            raise NotFoundError(
+            raise errors.NotFoundError(
                 f"There is no track {str(track_id)[:12]!r}.",
                 remedy="Use the id returned when it was made, or make it.",
             )
@@ -121,12 +107,12 @@ class TrackStore(SequenceStore):
 
     def _track_file(self, track_id: str) -> Path:
         self.track_record(track_id)
-        return self._folder.path("results", track_name(track_id))
+        return self._folder.path("results", folders.track_name(track_id))
 
 
 def track_image(track: Track) -> bytes:
     """Write a track as it is kept: without facts, which the record of its sequence has."""
-    return track_to_hdf5(replace(track, sequence=track.sequence.with_facts(NO_FACTS)))
+    return track_to_hdf5(replace(track, sequence=track.sequence.with_facts(mesh.NO_FACTS)))
 
 
 class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
@@ -158,7 +144,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        name = ResultName("signature", signature.sequence_id, "", signature.parameters.key)
+        name = folders.ResultName("signature", signature.sequence_id, "", signature.parameters.key)
         return self._put_result(name, signature_image(signature))
 
     def put_signature_image(self, image: Path, sequence_id: str, key: str) -> Path:
@@ -178,7 +164,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         CorruptFileError
             If the image has no sound seal.
         """
-        name = ResultName("signature", sequence_id, "", key)
+        name = folders.ResultName("signature", sequence_id, "", key)
         return self._put_result(name, load_sealed(image)[1])
 
     def signature(self, sequence_id: str, key: str) -> ModalSignature:
@@ -203,7 +189,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         NotFoundError
             If there is none.
         """
-        return self._result_path(ResultName("signature", sequence_id, "", key))
+        return self._result_path(folders.ResultName("signature", sequence_id, "", key))
 
     def sound_signature_path(self, sequence_id: str, key: str) -> Path | None:
         """HDF5 file of a signature, if there is one and it is as it was written.
@@ -216,7 +202,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         self.sequence_record(sequence_id)
         try:
             path = self.signature_path(sequence_id, key)
-        except NotFoundError:
+        except errors.NotFoundError:
             return None
         return path if is_sound(path) else None
 
@@ -247,7 +233,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         """
         with self._changing(sequence_id):
             path, digest = self._rendered(sequence_id, key)
-            write_atomic(path, f"{digest} {_sha256(text)}\n".encode() + text)
+            disk.write_atomic(path, f"{digest} {_sha256(text)}\n".encode() + text)
 
     def delete_signature(self, sequence_id: str, key: str) -> None:
         """Delete a signature; classes that were named of it stay.
@@ -260,18 +246,18 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
             If it cannot be deleted, or not wholly: the next call, or the next `open` after a
             crash, finishes it.
         """
-        name = ResultName("signature", sequence_id, "", key)
+        name = folders.ResultName("signature", sequence_id, "", key)
         with self._changing(sequence_id):
             path = self._result_path(name)
-            bury(self.root, path.stem)
-            remove_durably(path, path.with_suffix(RENDERED))
+            deletion.bury(self.root, path.stem)
+            disk.remove_durably(path, path.with_suffix(folders.RENDERED))
             self._open_index().remove_result(name)
 
     def _rendered(self, sequence_id: str, key: str) -> tuple[Path, str]:
         """File of a signature's text, and the digest of the signature's file."""
         path = self.signature_path(sequence_id, key)
-        digest = self._open_index().digest(ResultName("signature", sequence_id, "", key))
-        return path.with_suffix(RENDERED), digest or ""
+        digest = self._open_index().digest(folders.ResultName("signature", sequence_id, "", key))
+        return path.with_suffix(folders.RENDERED), digest or ""
 
     def signatures(self, sequence_id: str) -> tuple[str, ...]:
         """Keys of the parameters of a sequence's signatures.
@@ -307,7 +293,9 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         StoreError
             If it cannot be written; the store is as it was.
         """
-        return self._put_result(ResultName("classification", sequence_id, model_id, key), image)
+        return self._put_result(
+            folders.ResultName("classification", sequence_id, model_id, key), image
+        )
 
     def classification(self, sequence_id: str, model_id: str, key: str) -> Classification:
         """Classification of a sequence by a model, from the signature with that key.
@@ -335,7 +323,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         NotFoundError
             If there is none.
         """
-        return self._result_path(ResultName("classification", sequence_id, model_id, key))
+        return self._result_path(folders.ResultName("classification", sequence_id, model_id, key))
 
     def classifications(self, sequence_id: str) -> tuple[tuple[str, str], ...]:
         """Model ids and keys of a sequence's classifications.
@@ -348,10 +336,10 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         names = self._results(sequence_id, "classification")
         return tuple((name.model_id, name.key) for name in names)
 
-    def _put_result(self, name: ResultName, data: bytes) -> Path:
+    def _put_result(self, name: folders.ResultName, data: bytes) -> Path:
         self.sequence_record(name.sequence_id)
         if not _is_name(name):
-            raise StoreError(
+            raise errors.StoreError(
                 f"A {name.kind} with the key {str(name.key)[:16]!r} and the model id "
                 f"{str(name.model_id)[:12]!r} cannot be kept: these are not digests.",
                 remedy="Use the key of the signature's parameters and the model's sha256.",
@@ -363,28 +351,30 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
                 self._write([(path, data)], lambda: index.change((), {name: digest_of(data)}))
         return path
 
-    def _result_path(self, name: ResultName) -> Path:
+    def _result_path(self, name: folders.ResultName) -> Path:
         if not _is_name(name) or self._open_index().digest(name) is None:
             record = self.sequence_record(name.sequence_id)
-            raise NotFoundError(
+            raise errors.NotFoundError(
                 f"Sequence {record.id[:12]} has no {name.kind} of that name.",
                 remedy=f"Ask for one that is listed, or make the {name.kind} first.",
             )
         return self._folder.path("results", name)
 
-    def _results(self, sequence_id: str, kind: ResultKind) -> list[ResultName]:
+    def _results(self, sequence_id: str, kind: folders.ResultKind) -> list[folders.ResultName]:
         self.sequence_record(sequence_id)
         return self._open_index().results_of(sequence_id, kind)
 
 
 def signature_image(signature: ModalSignature) -> bytes:
     """Write a signature as it is kept: without facts, which the record of its sequence has."""
-    return signature_to_hdf5(replace(signature, facts=NO_FACTS))
+    return signature_to_hdf5(replace(signature, facts=mesh.NO_FACTS))
 
 
 def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _is_name(name: ResultName) -> bool:
-    return is_key(name.key) and (name.kind != "classification" or is_id(name.model_id))
+def _is_name(name: folders.ResultName) -> bool:
+    return folders.is_key(name.key) and (
+        name.kind != "classification" or folders.is_id(name.model_id)
+    )

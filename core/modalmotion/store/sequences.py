@@ -1,7 +1,5 @@
 """The part of the store that keeps sequences, and what is stated about them."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -9,13 +7,11 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from modalmotion.errors import NotFoundError, StoreError
+from modalmotion import errors, mesh
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
-from modalmotion.mesh import NO_FACTS
 from modalmotion.mesh.sequence import MeshSequence, read_sequence, sequence_to_hdf5
-from modalmotion.store.deletion import begin_deletion, finish_deletion
-from modalmotion.store.disk import rename, write_atomic
-from modalmotion.store.folder import (
+from modalmotion.store import deletion, disk, opening
+from modalmotion.store.folders import (
     ResultName,
     SequenceRecord,
     is_id,
@@ -25,10 +21,9 @@ from modalmotion.store.folder import (
     track_name,
 )
 from modalmotion.store.index import now
-from modalmotion.store.opening import SequenceRecords, unknown_sequence
 
 
-class SequenceStore(SequenceRecords):
+class SequenceStore(opening.SequenceRecords):
     """Sequences in a folder.
 
     Parameters
@@ -119,7 +114,7 @@ class SequenceStore(SequenceRecords):
         require_name("subject", record.subject)
         require_name("label", record.label)
         if not is_id(record.id):
-            raise unknown_sequence(record.id)
+            raise opening.unknown_sequence(record.id)
         index = self._open_index()
         with self._changing(record.id):
             known = index.find(record.id)
@@ -221,12 +216,12 @@ class SequenceStore(SequenceRecords):
             files.insert(0, (folder.path("records", record.id), record_to_json(record)))
             if known is not None:
                 self._write(files, lambda: index.change([record], digests))
-                begin_deletion(folder, sequence_id)
+                deletion.begin_deletion(folder, sequence_id)
             else:
                 self._exchange(sequence_id, record, files, digests)
             try:
-                finish_deletion(folder, index, sequence_id)
-            except StoreError:
+                deletion.finish_deletion(folder, index, sequence_id)
+            except errors.StoreError:
                 # It is gone: the next `open` removes what is left of it.
                 self._is_clean = False
         return record
@@ -244,21 +239,21 @@ class SequenceStore(SequenceRecords):
         self._make_shards(mark.parent)
         # The new one is marked as deleted until it is whole. Then its mark becomes the old one's,
         # by one rename: whoever opens the store after a crash finds one of the two marked.
-        write_atomic(mark, b"")
+        disk.write_atomic(mark, b"")
         try:
             for path, data in files:
                 self._make_shards(path.parent)
-                write_atomic(path, data)
-            rename(mark, of_old)
+                disk.write_atomic(path, data)
+            disk.rename(mark, of_old)
             try:
                 index.change([record], digests, without=old_id)
             except BaseException:
-                rename(of_old, mark)
+                disk.rename(of_old, mark)
                 raise
         except BaseException:
             if mark.exists():
-                with contextlib.suppress(StoreError):
-                    finish_deletion(folder, index, record.id)
+                with contextlib.suppress(errors.StoreError):
+                    deletion.finish_deletion(folder, index, record.id)
             raise
 
     def sequence_path(self, sequence_id: str) -> Path:
@@ -275,7 +270,7 @@ class SequenceStore(SequenceRecords):
 
     def _upload(self, sequence_id: str) -> Path:
         if not self.sequence_record(sequence_id).has_upload:
-            raise NotFoundError(
+            raise errors.NotFoundError(
                 f"The vertices of sequence {sequence_id[:12]} were not kept.",
                 remedy="Send the sequence again, to a store that keeps uploads.",
             )
@@ -312,8 +307,8 @@ class SequenceStore(SequenceRecords):
             if was_deleted:
                 return
             self.sequence_record(sequence_id)
-            begin_deletion(self._folder, sequence_id)
-            finish_deletion(self._folder, index, sequence_id)
+            deletion.begin_deletion(self._folder, sequence_id)
+            deletion.finish_deletion(self._folder, index, sequence_id)
 
 
 def _content(image: bytes | Path) -> bytes:
@@ -322,4 +317,4 @@ def _content(image: bytes | Path) -> bytes:
 
 def upload_image(sequence: MeshSequence) -> bytes:
     """Write a sequence as its vertices are kept: without facts, which its record has."""
-    return sequence_to_hdf5(sequence.with_facts(NO_FACTS))
+    return sequence_to_hdf5(sequence.with_facts(mesh.NO_FACTS))

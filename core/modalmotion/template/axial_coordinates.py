@@ -1,15 +1,14 @@
 """Natural coordinates of cups, cylinders and spheres: a potential and an azimuth."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np
 
-from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
+from modalmotion.modes.topologies import CUP, CYLINDER, SPHERE
 from modalmotion.notes import Note
 from modalmotion.progress import Reporter, silent
 from modalmotion.representation import Floats
+from modalmotion.template import surfaces
 from modalmotion.template.axis import (
     Axes,
     axes_about,
@@ -25,17 +24,6 @@ from modalmotion.template.axis import (
     widest_across,
 )
 from modalmotion.template.landmarks import Coordinates
-from modalmotion.template.surface import (
-    FAINT_AXIS,
-    Opening,
-    Surface,
-    apical_opening,
-    axis_strength,
-    base_of,
-    base_openings,
-    is_flat,
-    radius_of,
-)
 
 # s = (1 - u / max u)^(5/8): 1/2 is exact on a flat disk, 3/4 serves a long tube.
 _EXPONENT: Final = 5 / 8
@@ -50,7 +38,7 @@ _FLAT_CAP: Final = 1e-3
 
 
 def cup_coordinates(
-    surface: Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
+    surface: surfaces.Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
 ) -> Coordinates:
     """Torsion function towards the openings, and azimuth about the axis.
 
@@ -85,7 +73,7 @@ def cup_coordinates(
         axes,
         origin,
         apex,
-        base_of(surface),
+        surfaces.base_of(surface),
         {
             "apex": 1.0 if "apex" in places else roundness,
             "base": 1.0 if "base" in places else _agreement(surface),
@@ -94,7 +82,7 @@ def cup_coordinates(
     return Coordinates(CUP, np.stack([s, theta], axis=1), landmarks, tuple(notes))
 
 
-def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
+def _cap_of(surface: surfaces.Surface, opening: surfaces.Opening) -> tuple[float, float]:
     """Area of the cap that an apex was cut off with, and how far u rises over its rim.
 
     The cap of the sphere that the wall touches along the rim: of radius r = a / sin w for a rim of
@@ -119,7 +107,7 @@ def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
     inward -= (inward @ upward)[:, None] * upward
     inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
     w = float(np.arctan2((across @ upward).sum(), np.einsum("ij,ij->", across, inward)))
-    radius = radius_of(surface, opening)
+    radius = surfaces.radius_of(surface, opening)
     if w < _FLAT_CAP:
         return np.pi * radius**2, radius**2 / 4
     # A wall that opens towards its rim says nothing of a cap: half a sphere is the most.
@@ -128,13 +116,13 @@ def _cap_of(surface: Surface, opening: Opening) -> tuple[float, float]:
     return 2 * np.pi * r**2 * (1 - np.cos(w)), float(-2 * r**2 * np.log(np.cos(w / 2)))
 
 
-def _torsion(surface: Surface, report: Reporter) -> Floats | None:
+def _torsion(surface: surfaces.Surface, report: Reporter) -> Floats | None:
     """Solve -Laplace u = 1 with u = 0 on the openings of the base, over what it is at the pole.
 
     None if that is impossible. Through the rim of an apex that is cut off flows what its cap
     gives rise to.
     """
-    openings, cut = base_openings(surface), apical_opening(surface)
+    openings, cut = surfaces.base_openings(surface), surfaces.apical_opening(surface)
     border = np.concatenate([opening.vertices for opening in openings])
     sources, above = surface.areas, 0.0
     if cut is not None:
@@ -148,7 +136,7 @@ def _torsion(surface: Surface, report: Reporter) -> Floats | None:
     return np.asarray(u / max(float(u.max()), highest + above))
 
 
-def cup_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
+def cup_axes(surface: surfaces.Surface, places: dict[str, Floats]) -> Axes:
     """Find the axis from apex, or area centroid, to base, and the side to which the wall leans.
 
     Raises
@@ -156,17 +144,20 @@ def cup_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
     ParameterError
         If a stated landmark gives no direction.
     """
-    strength = 1.0 if {"apex", "base"} & set(places) else axis_strength(surface)
-    if strength < FAINT_AXIS or (strength < 1.0 and is_flat(surface)):
+    strength = 1.0 if {"apex", "base"} & set(places) else surfaces.axis_strength(surface)
+    if strength < surfaces.FAINT_AXIS or (strength < 1.0 and surfaces.is_flat(surface)):
         # The base is on neither side, but the normal still is an axis.
         axis, strength = principal_axes(surface)[1][2], 0.0
     else:
-        apex, base = places.get("apex", surface.centroid), places.get("base", base_of(surface))
+        apex, base = (
+            places.get("apex", surface.centroid),
+            places.get("base", surfaces.base_of(surface)),
+        )
         axis = direction_between(surface, apex, base)
     return axes_about(surface, places, axis, lean(surface, axis), {"axis": strength})
 
 
-def _centre_of_cap(surface: Surface, cap: Floats) -> tuple[Floats, float]:
+def _centre_of_cap(surface: surfaces.Surface, cap: Floats) -> tuple[Floats, float]:
     """Centroid of the cap, and how round it is: 0 for a ridge, 1 for a round top."""
     weights = surface.areas * cap
     weights /= weights.sum()
@@ -176,7 +167,7 @@ def _centre_of_cap(surface: Surface, cap: Floats) -> tuple[Floats, float]:
     return apex, float(np.sqrt(max(middle, 0.0) / large)) if large > 0 else 0.0
 
 
-def _agreement(surface: Surface) -> float:
+def _agreement(surface: surfaces.Surface) -> float:
     """Whether the openings are on one side: length of their mean direction, 0 to 1."""
     lengths = np.array([opening.length for opening in surface.openings])
     arms = np.stack([opening.centre for opening in surface.openings]) - surface.centroid
@@ -184,7 +175,7 @@ def _agreement(surface: Surface) -> float:
     return float(np.linalg.norm(lengths @ arms)) / reach if reach > 0 else 0.0
 
 
-def cylinder_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
+def cylinder_axes(surface: surfaces.Surface, places: dict[str, Floats]) -> Axes:
     """Find the axis between the centres of both ends, and the side to which the wall leans.
 
     Raises
@@ -199,7 +190,7 @@ def cylinder_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
 
 
 def cylinder_coordinates(
-    surface: Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
+    surface: surfaces.Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
 ) -> Coordinates:
     """Harmonic function between the openings, and azimuth about the axis.
 
@@ -235,7 +226,9 @@ def cylinder_coordinates(
     )
 
 
-def _ends(surface: Surface, places: dict[str, Floats]) -> tuple[Opening, Opening, float]:
+def _ends(
+    surface: surfaces.Surface, places: dict[str, Floats]
+) -> tuple[surfaces.Opening, surfaces.Opening, float]:
     """Return the openings at s = 0 and at s = 1, and how well the shape distinguishes them."""
     far, near = surface.openings
     if "base" in places:
@@ -250,7 +243,7 @@ def _ends(surface: Surface, places: dict[str, Floats]) -> tuple[Opening, Opening
     return near, far, strength
 
 
-def sphere_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
+def sphere_axes(surface: surfaces.Surface, places: dict[str, Floats]) -> Axes:
     """Find the longest axis of inertia towards its blunt end, and the widest direction across it.
 
     Raises
@@ -272,7 +265,7 @@ def sphere_axes(surface: Surface, places: dict[str, Floats]) -> Axes:
 
 
 def sphere_coordinates(
-    surface: Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
+    surface: surfaces.Surface, places: dict[str, Floats], axes: Axes, report: Reporter = silent
 ) -> Coordinates:
     """Angle between the poles of the long axis, and azimuth about it.
 

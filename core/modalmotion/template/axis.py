@@ -1,7 +1,5 @@
 """Axes and potentials of a surface, from integrals."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -12,14 +10,13 @@ from typing import Final
 import numpy as np
 import scipy
 
-from modalmotion.errors import ParameterError
-from modalmotion.mesh import cotangent_laplacian, graph_laplacian, solve_positive_definite
+from modalmotion import errors, mesh
 from modalmotion.mesh.triangles import mean_slopes
-from modalmotion.modes.topology import CLOSED, CUP, CYLINDER, Topology
+from modalmotion.modes.topologies import CLOSED, CUP, CYLINDER, Topology
 from modalmotion.progress import Reporter, silent
 from modalmotion.representation import Floats, Ints
 from modalmotion.template.landmarks import Coordinates, Landmarks
-from modalmotion.template.surface import Opening, Surface, corner_steps
+from modalmotion.template.surfaces import Opening, Surface, corner_steps
 
 # An axis through two places closer than this share of the surface's size has no direction.
 _SHORTEST = 1e-9
@@ -48,7 +45,7 @@ class Axes:
         """The two and the one across both in the columns of a rotation, (3, 3)."""
         return np.stack([self.zero, np.cross(self.axis, self.zero), self.axis], axis=1)
 
-    def turned(self, w: Floats) -> Axes:
+    def turned(self, w: Floats) -> "Axes":
         """Turn both by the rotation vector w, (3,), rad."""
         R = scipy.spatial.transform.Rotation.from_rotvec(w).as_matrix()
         return Axes(R @ self.axis, R @ self.zero, self.strengths)
@@ -65,7 +62,7 @@ def direction_between(surface: Surface, apex: Floats, base: Floats) -> Floats:
     span = base - apex
     size = float(np.linalg.norm(span))
     if not size > _SHORTEST * np.sqrt(surface.area):
-        raise ParameterError(
+        raise errors.ParameterError(
             "The apex and the base are in the same place, so they give no axis.",
             remedy="Give two places at opposite ends of the surface.",
         )
@@ -149,7 +146,7 @@ def towards(place: Floats, origin: Floats, axis: Floats, size: float) -> Floats:
     across = across - (across @ axis) * axis
     length = float(np.linalg.norm(across))
     if not length > 1e-6 * size:
-        raise ParameterError(
+        raise errors.ParameterError(
             "The landmark 'theta_zero' is on the axis, where theta has no value.",
             remedy="Give a place on the wall, away from apex and axis.",
         )
@@ -328,7 +325,7 @@ def _solved(
     stiffness = _stiffness(surface)
     right = sources[free] - (stiffness @ u)[free]
     try:
-        return solve_positive_definite(stiffness[free][:, free], right, report)
+        return mesh.solve_positive_definite(stiffness[free][:, free], right, report)
     except RuntimeError:
         return None
 
@@ -339,12 +336,12 @@ def _has_area_everywhere(surface: Surface) -> bool:
     return bool((surface.areas[used] > 0).all())
 
 
-def _stiffness(surface: Surface) -> scipy.sparse.csc_array:
-    stiffness = cotangent_laplacian(surface.vertices, surface.faces)
+def _stiffness(surface: Surface) -> "scipy.sparse.csc_array":
+    stiffness = mesh.cotangent_laplacian(surface.vertices, surface.faces)
     if _has_area_everywhere(surface):
         return stiffness
     diagonal = stiffness.diagonal()
-    springs = graph_laplacian(surface.connectivity.edges, len(surface.vertices))
+    springs = mesh.graph_laplacian(surface.connectivity.edges, len(surface.vertices))
     return scipy.sparse.csc_array(stiffness + _GLUE * float(diagonal.max(initial=1.0)) * springs)
 
 

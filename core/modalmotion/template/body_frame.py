@@ -9,15 +9,12 @@ outward at the ends and biases volumes to one side. The amplitudes of every affi
 from the reference alone, though, so what the modes leave of it can go with them.
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Final
 
 import numpy as np
 
-from modalmotion.errors import TopologyError
-from modalmotion.mesh import connectivity_of, oriented_faces
+from modalmotion import errors, mesh
 from modalmotion.mesh.geometry import vertex_normals as normals_of
 from modalmotion.numeric.scales import gram, inverse_of_cholesky, lengths
 from modalmotion.representation import Floats
@@ -71,7 +68,7 @@ def local_frames(template: Template) -> Floats:
     """
     landmarks = template.landmarks
     if landmarks is None:
-        raise TopologyError(
+        raise errors.TopologyError(
             "The surface has no axis, so there are no radial, tangential and axial components.",
             remedy="Ask for Cartesian components.",
         )
@@ -194,10 +191,10 @@ def vertex_normals(template: Template) -> Floats:
         If there are no triangles, or the surface has one side only.
     """
     n = template.n_vertices
-    proper = np.delete(template.faces, connectivity_of(template.faces, n).left_out, axis=0)
-    faces = oriented_faces(proper, n) if len(proper) else None
+    proper = np.delete(template.faces, mesh.connectivity_of(template.faces, n).left_out, axis=0)
+    faces = mesh.oriented_faces(proper, n) if len(proper) else None
     if faces is None:
-        raise TopologyError(
+        raise errors.TopologyError(
             "A surface with one side has no normals."
             if len(template.faces)
             else "Vertices without triangles have no normals.",

@@ -1,23 +1,18 @@
 """Making templates: normalise the reference, recognise it, find its natural coordinates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 
-from modalmotion.errors import TopologyError
-from modalmotion.mesh import lattice_faces
-from modalmotion.mesh.alignment import middle_positions, reference_positions
+from modalmotion import errors, mesh
+from modalmotion.mesh import alignment, triangles
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
-from modalmotion.mesh.triangles import curve_weights
-from modalmotion.modes.topology import CYLINDER, SPHERE, Topology, lattice_coordinates
+from modalmotion.modes.topologies import CYLINDER, SPHERE, Topology, lattice_coordinates
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.progress import Progress, Reporter, part_of, silent
 from modalmotion.representation import Floats, Ints, counted
-from modalmotion.template.axial_coordinates import AXIAL
-from modalmotion.template.axis import Placement, degree
+from modalmotion.template import axial_coordinates, axis, other_coordinates, surfaces, template
 from modalmotion.template.landmarks import (
     LANDMARKS_ON,
     Coordinates,
@@ -27,26 +22,10 @@ from modalmotion.template.landmarks import (
     require_used,
     resolve_places,
 )
-from modalmotion.template.other_coordinates import OTHERS, curve_coordinates
-from modalmotion.template.surface import (
-    Surface,
-    axis_lengths,
-    recognise,
-    require_fit,
-    steady_shape,
-    surface_of,
-)
-from modalmotion.template.template import (
-    Template,
-    is_placed_by_shape,
-    landmarks_read,
-    nearest_in_use,
-    template_id,
-)
 
 
 def shares_of(
-    surface: Surface,
+    surface: surfaces.Surface,
     sequence: MeshSequence,
     topology: Topology | None,
     notes: list[Note],
@@ -68,7 +47,7 @@ def shares_of(
     is_curve = topology is not None and topology.n_axes == 1
     areas = surface.areas
     if is_curve and topology is not None:
-        areas = curve_weights(surface.vertices, topology)
+        areas = triangles.curve_weights(surface.vertices, topology)
     elif not len(surface.faces):
         notes.append(Note.of("areas_unknown"))
         return np.full(n, 1.0 / n)
@@ -93,7 +72,7 @@ _BORDER = 0.1
 # Of the time on a large mesh, until it is measured, recognised, and has its coordinates.
 _MEASURED, _RECOGNISED, _SOLVED = 0.25, 0.3, 0.8
 
-_MAKERS = AXIAL | OTHERS
+_MAKERS = axial_coordinates.AXIAL | other_coordinates.OTHERS
 
 
 def make_template(
@@ -104,7 +83,7 @@ def make_template(
     closed_form: bool = True,
     by_rows: bool = True,
     report: Reporter = silent,
-) -> Template:
+) -> template.Template:
     """Make the template of a sequence from one of its own frames.
 
     Parameters
@@ -136,16 +115,16 @@ def make_template(
     is_stated = sequence.topology is not None or sequence.grid is not None
     if reference == MEAN and not is_stated and closed_form:
         return _recognised_in_frame_0(sequence, landmarks, report)
-    own_landmarks = landmarks_read(sequence, landmarks, closed_form=closed_form)
-    start = reference_positions(sequence, reference)
-    middle = middle_positions(sequence, reference)
+    own_landmarks = template.landmarks_read(sequence, landmarks, closed_form=closed_form)
+    start = alignment.reference_positions(sequence, reference)
+    middle = alignment.middle_positions(sequence, reference)
     faces = _faces_of(sequence)
     first = sequence.representatives
     notes = _notes_on_merging(first)
     if notes:
         faces = first[faces]
         _require_left(faces)
-    steady = steady_shape(start, middle, faces, sequence.topology)[first]
+    steady = surfaces.steady_shape(start, middle, faces, sequence.topology)[first]
     surface, corner, scale = _normalised(steady, faces)
     report(Progress(_MEASURED))
     mean = _mean_surface(surface, (middle[first] - corner) / scale)
@@ -172,16 +151,16 @@ def make_template(
     coordinates = placement = None
     report(Progress(_RECOGNISED))
     if topology is not None:
-        of_surface = not by_rows and is_placed_by_shape(sequence)
+        of_surface = not by_rows and template.is_placed_by_shape(sequence)
         solving = part_of(report, _RECOGNISED, _SOLVED)
         if sequence.grid is not None:
             coordinates, places = _of_lattice(sequence.grid, topology, mean, of_surface=of_surface)
             mean_places = places
         if coordinates is None and topology.n_axes == 1:
-            coordinates = curve_coordinates(surface.vertices, topology, places)
+            coordinates = other_coordinates.curve_coordinates(surface.vertices, topology, places)
         elif coordinates is None:
             axes_of, make = _MAKERS[topology]
-            placement = Placement(
+            placement = axis.Placement(
                 topology, surface, mean, places, mean_places, at_vertices, scale, axes_of, make
             )
             coordinates = make(surface, places, placement.axes, solving)
@@ -192,7 +171,7 @@ def make_template(
         and topology in _MAKERS
         and not sequence.grid
     ):
-        cover = degree(surface, coordinates.values, topology)
+        cover = axis.degree(surface, coordinates.values, topology)
         is_choice = topology == SPHERE and sequence.topology is None
         if is_choice and abs(cover - _FOLDED) < _BORDER:
             notes.append(_note_on_border(cover, _FOLDED))
@@ -208,7 +187,7 @@ def make_template(
     if reason and topology is None:
         notes.append(Note.of("spring_modes_used", reason=reason))
     shares = shares_of(surface, sequence, topology, notes, first)
-    id_ = template_id(
+    id_ = template.template_id(
         sequence,
         reference=reference,
         landmarks=own_landmarks,
@@ -220,12 +199,12 @@ def make_template(
     placed: Landmarks | None = None
     if coordinates is not None:
         values = _carried_over(coordinates.values[first], start, isolated)
-        lengths = axis_lengths(surface, coordinates.topology, sequence.grid, values)
+        lengths = surfaces.axis_lengths(surface, coordinates.topology, sequence.grid, values)
         notes += coordinates.notes
         if coordinates.landmarks is not None:
             placed = coordinates.landmarks.placed(corner, scale)
             notes += _notes_on_landmarks(coordinates)
-    return Template(
+    return template.Template(
         id=id_,
         surface=topology,
         coordinates=values,
@@ -246,7 +225,7 @@ def _recognised_in_frame_0(
     sequence: MeshSequence,
     landmarks: GivenLandmarks | None,
     report: Reporter,
-) -> Template:
+) -> template.Template:
     """Make the template of the mean shape, with the topology of frame 0.
 
     Limbs that swing leave a mean without them, which may be a sphere although no frame is one.
@@ -260,26 +239,26 @@ def _recognised_in_frame_0(
         landmarks=landmarks,
         report=part_of(report, 0.5, 1.0),
     )
-    id_ = template_id(sequence, reference=MEAN, landmarks=landmarks)
+    id_ = template.template_id(sequence, reference=MEAN, landmarks=landmarks)
     notes = tuple(dict.fromkeys((*first.notes, *of_mean.notes))) if is_known else first.notes
     return replace(of_mean, id=id_, reason=first.reason, notes=notes)
 
 
 def _decide(
-    sequence: MeshSequence, surface: Surface, closed_form: bool, notes: list[Note]
+    sequence: MeshSequence, surface: surfaces.Surface, closed_form: bool, notes: list[Note]
 ) -> tuple[Topology | None, str]:
     """Topology whose modes to use, or None and why."""
     stated = sequence.topology
     if not closed_form:
         if not len(surface.faces):
-            raise TopologyError(
+            raise errors.TopologyError(
                 "Spring modes were requested, but nothing joins the vertices.",
                 remedy="Send triangles, or a lattice of two axes.",
             )
         return None, "Spring modes were requested."
     if sequence.grid is not None:
         if stated is None:
-            raise TopologyError(
+            raise errors.TopologyError(
                 f"The lattice of {sequence.grid} nodes comes without a topology.",
                 remedy="Say which ends are joined: topology = cup, cylinder, plane, torus, "
                 "sphere, open curve or closed curve.",
@@ -288,22 +267,22 @@ def _decide(
     if stated is not None:
         if stated.n_axes == 1:
             return stated, ""
-        require_fit(surface, stated)
+        surfaces.require_fit(surface, stated)
         return stated, ""
     if not len(surface.faces):
-        raise TopologyError(
+        raise errors.TopologyError(
             f"{sequence.n_vertices} points come without faces, grid or topology.",
             remedy="Send triangles, or the lattice as grid and topology, or state that the "
             "points are an open curve or a closed curve.",
         )
-    topology, reason = recognise(surface)
+    topology, reason = surfaces.recognise(surface)
     if topology is not None and reason:
         notes.append(Note.of("topology_doubtful", reason=reason))
     return topology, reason
 
 
 def _of_lattice(
-    grid: tuple[int, ...], topology: Topology, mean: Surface, *, of_surface: bool
+    grid: tuple[int, ...], topology: Topology, mean: surfaces.Surface, *, of_surface: bool
 ) -> tuple[Coordinates | None, dict[str, Floats]]:
     """Coordinates by rows and columns; or where those of the surface, if wanted, begin."""
     values = lattice_coordinates(topology, grid)
@@ -321,7 +300,7 @@ def _faces_of(sequence: MeshSequence) -> Ints:
     if len(sequence.faces) or sequence.grid is None or sequence.topology is None:
         return sequence.faces
     if sequence.topology.n_axes == 2 and min(sequence.grid) > 1:
-        return lattice_faces(sequence.topology, sequence.grid)
+        return mesh.lattice_faces(sequence.topology, sequence.grid)
     return sequence.faces
 
 
@@ -329,7 +308,7 @@ def _require_left(faces: Ints) -> None:
     """Refuse a surface of which merging leaves no triangle."""
     a, b, c = faces.T
     if ((a == b) | (b == c) | (c == a)).all():
-        raise TopologyError(
+        raise errors.TopologyError(
             f"Each of the {len(faces)} triangles has two corners at the same place in every frame, "
             "so there is no surface.",
             remedy="Send a surface that is spread out: vertices that coincide in every frame are "
@@ -337,7 +316,7 @@ def _require_left(faces: Ints) -> None:
         )
 
 
-def _normalised(start: Floats, faces: Ints) -> tuple[Surface, Floats, float]:
+def _normalised(start: Floats, faces: Ints) -> tuple[surfaces.Surface, Floats, float]:
     """Bring the surface near the origin and near size 1: position = scale * result + corner.
 
     Vertices in no triangle may lie anywhere and must not set the scale: they are put into
@@ -351,11 +330,11 @@ def _normalised(start: Floats, faces: Ints) -> tuple[Surface, Floats, float]:
     vertices = np.where(used[:, None], start, corner) - corner
     largest = float(np.abs(vertices).max(initial=0.0))
     scale = power_of_two(largest)
-    surface = surface_of(vertices / scale, faces)
+    surface = surfaces.surface_of(vertices / scale, faces)
     return surface, corner, scale
 
 
-def _mean_surface(surface: Surface, middle: Floats) -> Surface:
+def _mean_surface(surface: surfaces.Surface, middle: Floats) -> surfaces.Surface:
     """Move the triangles to the mean of all frames, its area centroid to the reference's."""
     middle = middle.copy()
     middle[surface.isolated] = surface.vertices[surface.isolated]
@@ -370,7 +349,7 @@ def _carried_over(values: Floats, start: Floats, isolated: Ints) -> Floats:
     if not len(isolated):
         return values
     values = values.copy()
-    values[isolated] = values[nearest_in_use(start, isolated)]
+    values[isolated] = values[template.nearest_in_use(start, isolated)]
     return values
 
 
@@ -390,7 +369,7 @@ def _notes_on_merging(representatives: Ints) -> list[Note]:
     return [text]
 
 
-def _notes_on_mesh(surface: Surface, isolated: Ints) -> list[Note]:
+def _notes_on_mesh(surface: surfaces.Surface, isolated: Ints) -> list[Note]:
     """Name the parts of a mesh outside its surface.
 
     Parameters

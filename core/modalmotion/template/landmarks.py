@@ -1,20 +1,17 @@
 """Natural coordinates, the landmarks that place them, and the notes on both."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.errors import ParameterError
-from modalmotion.mesh import Corners, Facts, Place
+from modalmotion import errors, mesh
 from modalmotion.mesh.facts import CORNERS, landmark_of
-from modalmotion.modes.topology import CLOSED, Topology
+from modalmotion.modes.topologies import CLOSED, Topology
 from modalmotion.notes import Note
 from modalmotion.representation import Floats, shown
-from modalmotion.template.surface import Surface
+from modalmotion.template.surfaces import Surface
 
 # Below this a direction from an integral turns by more than a few degrees when the same
 # surface is triangulated anew, and is called weak.
@@ -38,10 +35,10 @@ class GivenLandmarks:
         Of a plane: (s, t) = (0, 0), (1, 0), (1, 1), (0, 1), in this order.
     """
 
-    apex: Place | None = None
-    base: Place | None = None
-    theta_zero: Place | None = None
-    corners: Corners | None = None
+    apex: mesh.Place | None = None
+    base: mesh.Place | None = None
+    theta_zero: mesh.Place | None = None
+    corners: mesh.Corners | None = None
 
     def __post_init__(self) -> None:
         for name in self.names:
@@ -57,13 +54,13 @@ class GivenLandmarks:
         return {name: getattr(self, name) for name in self.names}
 
     @staticmethod
-    def from_json(values: Mapping[str, Any]) -> GivenLandmarks:
+    def from_json(values: Mapping[str, Any]) -> "GivenLandmarks":
         """Read the output of `as_json`, lists for tuples."""
         return GivenLandmarks(**values)
 
 
 def landmarks_in(
-    facts: Facts, landmarks: GivenLandmarks, topology: Topology | None, *, is_lattice: bool
+    facts: mesh.Facts, landmarks: GivenLandmarks, topology: Topology | None, *, is_lattice: bool
 ) -> GivenLandmarks:
     """Landmarks that a template reads: first those stated, then those of the facts.
 
@@ -135,7 +132,7 @@ class Landmarks:
         """Names of the landmarks that the shape does not determine."""
         return tuple(name for name, strength in self.strengths.items() if strength < WEAK)
 
-    def placed(self, corner: Floats, scale: float) -> Landmarks:
+    def placed(self, corner: Floats, scale: float) -> "Landmarks":
         """Return the same landmarks in other coordinates: scale * position + corner."""
         places = (self.origin, self.apex, self.base)
         origin, apex, base = (place * scale + corner for place in places)
@@ -168,7 +165,7 @@ def resolve_places(landmarks: GivenLandmarks, vertices: Floats) -> dict[str, Flo
         places = value if name == CORNERS else (value,)
         for place in places:
             if isinstance(place, int) and place >= len(vertices):
-                raise ParameterError(
+                raise errors.ParameterError(
                     f"The landmark '{name}' is vertex {place}, but there are {len(vertices)} "
                     f"(0 to {len(vertices) - 1}).",
                     remedy="Name a vertex of the sequence, counted from 0, or give a point.",
@@ -195,7 +192,7 @@ def require_used(landmarks: GivenLandmarks, topology: Topology | None, *, is_lat
             surface = "surface without natural coordinates" if topology is None else topology.name
             if is_lattice:
                 surface = "lattice, whose rows and columns place its coordinates"
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The landmark '{name}' means nothing on a {surface}.",
                 remedy=(f"Give {', '.join(used)}." if used else "Leave the landmarks out.")
                 + " Where the sequence's facts state it, take it out of them.",

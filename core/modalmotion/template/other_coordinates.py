@@ -1,14 +1,12 @@
 """Natural coordinates of planes, tori and curves."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.triangles import curve_weights, step_lengths
-from modalmotion.modes.topology import CLOSED_CURVE, PLANE, TORUS, Topology
+from modalmotion.modes.topologies import CLOSED_CURVE, PLANE, TORUS, Topology
 from modalmotion.notes import Note
 from modalmotion.progress import Reporter, part_of, silent
 from modalmotion.representation import Floats, Ints
@@ -27,7 +25,7 @@ from modalmotion.template.axis import (
     widest_across,
 )
 from modalmotion.template.landmarks import Coordinates, Landmarks
-from modalmotion.template.surface import Surface
+from modalmotion.template.surfaces import Surface
 
 
 def plane_axes(surface: Surface, places: dict[str, Floats]) -> Axes:

@@ -1,7 +1,5 @@
 """Templates: surfaces before they move, the modes on them, and their HDF5 files."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import dataclass, replace
@@ -16,8 +14,7 @@ from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
 from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.spring_modes import Modes, spring_modes
-from modalmotion.modes.mode_set import lowest_modes, whole_count
-from modalmotion.modes.topology import CUP, CYLINDER, MESH, Topology
+from modalmotion.modes import mode_set, topologies
 from modalmotion.notes import Note, notes_from_json
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, FrozenArrays, Ints, shown
@@ -69,7 +66,7 @@ class Template(FrozenArrays):
     """
 
     id: str
-    surface: Topology | None
+    surface: topologies.Topology | None
     coordinates: Floats
     weights: Floats
     lengths: tuple[float, ...]
@@ -89,7 +86,7 @@ class Template(FrozenArrays):
             getattr(self, name).setflags(write=False)
 
     @property
-    def topology(self) -> Topology:
+    def topology(self) -> topologies.Topology:
         """Topology whose modes are known in closed form.
 
         Raises
@@ -105,7 +102,7 @@ class Template(FrozenArrays):
             )
         return self.surface
 
-    def turned(self, w: Floats) -> Template:
+    def turned(self, w: Floats) -> "Template":
         """Return the same about axes that are turned by a rotation vector w, (3,), rad.
 
         Of a template with a placement.
@@ -165,7 +162,7 @@ def template_id(
 def is_placed_by_shape(sequence: MeshSequence) -> bool:
     """Whether a lattice has, beside rows and columns, coordinates that its surface gives."""
     has_cells = sequence.grid is not None and len(sequence.grid) == 2 and min(sequence.grid) > 2
-    return has_cells and sequence.topology in (CUP, CYLINDER)
+    return has_cells and sequence.topology in (topologies.CUP, topologies.CYLINDER)
 
 
 def is_merged(representatives: Ints) -> bool:
@@ -330,8 +327,8 @@ def choose_modes(
         springs = spring_modes(template.faces, template.n_vertices, n_modes)
         note = Note.of("mesh_modes")
         return replace(springs, shapes=springs.shapes[template.representatives]), (note,)
-    n_whole = whole_count(template.surface, n_modes, grid)
-    chosen = lowest_modes(template.surface, n_whole, grid)
+    n_whole = mode_set.whole_count(template.surface, n_modes, grid)
+    chosen = mode_set.lowest_modes(template.surface, n_whole, grid)
     if n_whole == n_modes:
         return chosen, ()
     note = Note.of("modes_rounded", asked=n_modes, n_modes=n_whole, n_amplitudes=3 * n_whole)
@@ -357,7 +354,7 @@ def template_to_hdf5(template: Template) -> bytes:
         Dataset("faces", template.faces.astype("<i8", copy=False), "1", "face, corner"),
         *template_datasets(template, "length unit of the sequence"),
     ]
-    topology = MESH if template.surface is None else template.surface.name
+    topology = topologies.MESH if template.surface is None else template.surface.name
     return FORM.image({"template_id": template.id}, datasets, topology=topology)
 
 
@@ -410,7 +407,7 @@ def template_in(contents: Contents, shape: str = "vertices") -> Template:
     texts = contents.json("texts", dict)
     return Template(
         id=contents.text("template_id"),
-        surface=None if name == MESH else Topology.parse(name),
+        surface=None if name == topologies.MESH else topologies.Topology.parse(name),
         coordinates=contents.array("coordinates", (len(weights), None)),
         weights=weights,
         lengths=tuple(contents.array("lengths", (None,)).tolist()),

@@ -1,17 +1,13 @@
 """The modes of one surface: their labels, frequencies and shapes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from modalmotion.errors import ModeCountError, ParameterError
-from modalmotion.mesh import connectivity_of
+from modalmotion import errors, mesh
 from modalmotion.mesh.spring_modes import Modes, spring_modes, whole_counts
-from modalmotion.modes import ModeLabel, ModeSet
+from modalmotion.modes import ModeLabel, ModeSet, topologies
 from modalmotion.modes.lattice import Lattice, modes_named
-from modalmotion.modes.topology import MESH
 from modalmotion.notes import Note
 from modalmotion.representation import Floats, shown
 from modalmotion.template.template import Template, choose_modes, frequencies_of, shapes_of
@@ -89,7 +85,7 @@ def surface_modes(template: Template, n_modes: int, wave_speed: float = 1.0) -> 
     if len(modes) > template.n_vertices:
         counts = whole_counts(modes)
         most = int(counts[counts <= template.n_vertices].max(initial=1))
-        raise ModeCountError(
+        raise errors.ModeCountError(
             f"{n_modes} modes were requested on {template.n_vertices} vertices.",
             remedy=f"Ask for at most {most} modes.",
         )
@@ -112,7 +108,7 @@ def surface_modes_named(
         return _of_template(template, modes, wave_speed, ())
     ranks = [label.wavenumbers[0] for label in labels if label.part == "spring"]
     if len(ranks) != len(labels) or max(ranks, default=0) >= template.n_vertices:
-        raise ParameterError(
+        raise errors.ParameterError(
             "This surface has no natural coordinates; its modes are those of the springs of its "
             f"mesh, 0 to {template.n_vertices - 1}.",
             remedy="Name a mode by its rank: 'spring 3'.",
@@ -141,7 +137,7 @@ def _of_template(
     template: Template, modes: Modes, wave_speed: float, notes: tuple[Note, ...]
 ) -> VibrationModes:
     return VibrationModes(
-        MESH if template.surface is None else template.surface.name,
+        topologies.MESH if template.surface is None else template.surface.name,
         modes.labels,
         frequencies_of(modes, template, wave_speed),
         shapes_of(modes, template),
@@ -156,14 +152,14 @@ def _require_shown(template: Template, modes: ModeSet) -> None:
     if not len(template.faces):
         short = np.abs(modes.wavenumbers).max(axis=1) > template.n_vertices / 2
     else:
-        edges = connectivity_of(template.faces, template.n_vertices).edges
+        edges = mesh.connectivity_of(template.faces, template.n_vertices).edges
         size = float(np.abs(template.vertices).max()) or 1.0
         steps = (template.vertices[edges[:, 0]] - template.vertices[edges[:, 1]]) / size
         step = size * float(np.sqrt((steps**2).sum(axis=1)).mean())
         short = modes.wavenumbers_on(lengths) * step > np.pi
     if short.any():
         label = modes.labels[int(np.flatnonzero(short)[0])]
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The waves of {label} are shorter than two steps of this mesh, which cannot show "
             "them.",
             remedy="Use smaller wavenumbers, or a finer mesh.",

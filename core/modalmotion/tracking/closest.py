@@ -1,7 +1,5 @@
 """Closest points of a surface or a curve to points in space."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

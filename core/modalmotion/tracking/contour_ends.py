@@ -4,8 +4,6 @@ Points along lines show no rim by their density. The planes that they are in do:
 ends at the rim, and where a slice has a contour and the next one has none the rim is between them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -13,12 +11,10 @@ from typing import Final, NamedTuple
 import numpy as np
 import scipy
 
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.template import Template
-from modalmotion.tracking.closest import across
-from modalmotion.tracking.ends_of_data import lies_evenly
-from modalmotion.tracking.moving_base import DESCENT, HELD, LENGTH, OFF_PATH, ends_of_cup
+from modalmotion.tracking import closest, ends_of_data, moving_base
 from modalmotion.tracking.observation import Frame, Observation, ends_in, marks_at, states_end
 
 # Points of a contour at least; triples of points that a plane is looked for by, and points that are
@@ -118,7 +114,7 @@ def with_contour_ends(
     planes = _planes_of(np.zeros((0, 3)), axis, 0.0)
     drawn: dict[int, dict[int, _Contour]] = {}
     for k in [reference, *(k for k in range(len(frames)) if k != reference)]:
-        even = [part.points for part in frames[k] if lies_evenly(part)]
+        even = [part.points for part in frames[k] if ends_of_data.lies_evenly(part)]
         points = np.concatenate(even) if even else np.zeros((0, 3))
         if len(points) < _FEWEST:
             continue
@@ -143,7 +139,7 @@ def with_contour_ends(
     for k, own in ends.items():
         # However close slices are, that none is beyond the last one shows no end of a cloud.
         full[k] = tuple(
-            replace(part, weights=np.ones(len(part))) if lies_evenly(part) else part
+            replace(part, weights=np.ones(len(part))) if ends_of_data.lies_evenly(part) else part
             for part in full[k]
         )
         if not states_end(frames[k], "base"):
@@ -157,7 +153,7 @@ def _ends_of_axis(frame: Frame, template: Template | None) -> tuple[Floats, Floa
     if not {"apex", "base"} <= set(ends):
         if template is None or template.topology != CUP:
             return None
-        ends = dict(zip(("apex", "base"), ends_of_cup(template), strict=True))
+        ends = dict(zip(("apex", "base"), moving_base.ends_of_cup(template), strict=True))
     return None if (ends["base"] == ends["apex"]).all() else (ends["apex"], ends["base"])
 
 
@@ -197,7 +193,7 @@ def _planes_of(points: Floats, axis: Floats, thickness: float) -> _Planes:
 
 def _contour(points: Floats, normal: Floats) -> _Contour:
     """Order points of a plane around their middle, from the widest gap on."""
-    flat = (points - points.mean(axis=0)) @ across(normal).T
+    flat = (points - points.mean(axis=0)) @ closest.across(normal).T
     ring = points[np.argsort(np.arctan2(flat[:, 1], flat[:, 0]))]
     gaps = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
     widest = int(gaps.argmax())
@@ -223,7 +219,7 @@ def _beyond(frame: Frame, contours: dict[int, _Contour], planes: _Planes) -> tup
     kept = _are_above(ends, contours, planes)
     away = (ends - np.mean([point for point, _ in marks], axis=0))[kept]
     steps = np.concatenate([one.step * one.ways @ planes.normal for one in arcs])[kept]
-    flat = away @ across(planes.normal).T
+    flat = away @ closest.across(planes.normal).T
     uneven = _UNEVEN * float((flat**2).sum(axis=1).mean()) ** 0.5 if kept.any() else 1.0
     by_itself = np.diag([1.0 / _BEYOND[1], 1.0 / _LEAN, 1.0 / _LEAN])
     rows = np.concatenate([np.column_stack([steps, -flat]) / uneven, by_itself])
@@ -283,9 +279,9 @@ def _levels(
     """
     normal, stack, heights = planes.normal, planes.stack, planes.offsets[planes.stack]
     spacing = float(np.median(np.diff(heights)))
-    aside = across(normal)
+    aside = closest.across(normal)
     tip, base = ends_of_axis
-    unit = float(np.linalg.norm(base - tip)) / LENGTH
+    unit = float(np.linalg.norm(base - tip)) / moving_base.LENGTH
     numbers = [k for k, own in drawn.items() if any(plane in own for plane in stack)]
     m = len(numbers)
     n, leans, beyond, descent, highest = m + 5, [m, m + 1], m + 2, m + 3, m + 4
@@ -301,7 +297,7 @@ def _levels(
     for lean in leans:
         add([lean], [1.0], 0.0, _LEAN)
     add([beyond], [1.0], 0.0, spacing / 4.0)
-    add([descent], [1.0], unit * DESCENT[0], unit * DESCENT[1])
+    add([descent], [1.0], unit * moving_base.DESCENT[0], unit * moving_base.DESCENT[1])
     middles, between = {}, []
     for i, k in enumerate(numbers):
         own = drawn[k]
@@ -324,7 +320,7 @@ def _levels(
     for _ in range(_TURNS):
         del rows[n_free:], values[n_free:]
         for i, percent in enumerate(ejected):
-            add([i, descent, highest], [1.0, percent, -1.0], 0.0, unit * OFF_PATH)
+            add([i, descent, highest], [1.0, percent, -1.0], 0.0, unit * moving_base.OFF_PATH)
         matrix = np.stack(rows)
         covariance = np.linalg.pinv(matrix.T @ matrix)
         found = covariance @ (matrix.T @ np.array(values))
@@ -340,7 +336,7 @@ def _levels(
         # What levels of frames have in common counts once, and not once a frame.
         sd = max(of_levels[i].sum(), of_levels[i, i]) ** 0.5
         if i in between:
-            sd = unit * HELD
+            sd = unit * moving_base.HELD
             stated[k, np.array(numbers)[between]] = of_levels[i, between]
         levels[k] = Observation(place[None], sd=sd, normals=normal[None], places=("base",))
     return levels, stated
@@ -350,7 +346,7 @@ def _volume(own: dict[int, _Contour], planes: _Planes, tip: float, level: float)
     """Volume within the contours of one frame up to a level: near its tip a paraboloid."""
     kept = [plane for plane in planes.stack if plane in own]
     heights = planes.offsets[kept]
-    flat = [across(planes.normal) @ own[plane].points.T for plane in kept]
+    flat = [closest.across(planes.normal) @ own[plane].points.T for plane in kept]
     areas = np.array([abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())) for x, y in flat])
     areas /= 2.0
     ends = areas[0] * (heights[0] - tip) / 2.0 + areas[-1] * (level - heights[-1])

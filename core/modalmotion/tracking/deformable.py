@@ -1,25 +1,18 @@
 """A surface or curve that deforms in its closed-form modes, and the rims of its openings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.mesh import Cavity
-from modalmotion.mesh.geometry import vertex_normals
-from modalmotion.mesh.triangles import face_normals
-from modalmotion.modes import ModeSet, lowest_modes, whole_count
-from modalmotion.modes.topology import CLOSED, OPEN_CURVE, End
+from modalmotion import errors, mesh
+from modalmotion.mesh import geometry, triangles
+from modalmotion.modes import ModeSet, lowest_modes, topologies, whole_count
 from modalmotion.representation import Bools, Floats, Ints
-from modalmotion.template import Template
-from modalmotion.template.body_frame import affine_shapes
+from modalmotion.template import Template, body_frame
 from modalmotion.template.template import shapes_of
-from modalmotion.tracking.closest import closest_points
-from modalmotion.tracking.observation import Place, open_sides
+from modalmotion.tracking import closest, observation
 
 # Of the stiffness of its modes, that of an even contraction.
 _EVEN: Final = 0.1
@@ -46,19 +39,19 @@ class Deformable:
     wavenumbers: Floats
 
     @staticmethod
-    def of(template: Template, n_modes: int) -> Deformable:
+    def of(template: Template, n_modes: int) -> "Deformable":
         """Take the lowest modes of a template, rounded up so that no pair is split."""
         modes = lowest_modes(template.topology, whole_count(template.topology, n_modes))
         k = modes.wavenumbers_on(template.lengths)
         length = float(np.exp(np.log(np.array(template.lengths)).mean()))
         return Deformable(template, modes, shapes_of(modes, template), k * length)
 
-    def exact_for_affine(self) -> Deformable:
+    def exact_for_affine(self) -> "Deformable":
         """Let what the modes leave of an affine motion go with its amplitudes.
 
         What is even, as most of a heart's contraction is, then leaves nothing.
         """
-        return replace(self, shapes=affine_shapes(self.shapes, self.template))
+        return replace(self, shapes=body_frame.affine_shapes(self.shapes, self.template))
 
     def __len__(self) -> int:
         return len(self.modes)
@@ -75,9 +68,9 @@ class Deformable:
         """
         x, w, axes = self.template.vertices, self.template.weights[:, None], self.template.topology
         away = x - (w * x).sum(axis=0)
-        if axes.ends[-1] != CLOSED:
+        if axes.ends[-1] != topologies.CLOSED:
             away = 0.0 * away
-        elif End.OPEN in axes.ends[0]:
+        elif topologies.End.OPEN in axes.ends[0]:
             axis = away.T @ (w[:, 0] * self.template.coordinates[:, 0])
             axis /= np.linalg.norm(axis)
             away -= np.outer(away @ axis, axis)
@@ -120,14 +113,14 @@ class Deformable:
             proper: Ints = self.template.faces[(a != b) & (b != c) & (c != a)]
             return proper
         n = self.template.n_vertices
-        start = np.arange(n if self.template.topology.ends[0] == CLOSED else n - 1)
+        start = np.arange(n if self.template.topology.ends[0] == topologies.CLOSED else n - 1)
         return np.stack([start, (start + 1) % n], axis=1)
 
     @cached_property
     def rim(self) -> Bools:
         """Vertices where the surface ends, (vertices,)."""
         rim = np.zeros(self.template.n_vertices, dtype=np.bool_)
-        if self.template.topology == OPEN_CURVE:
+        if self.template.topology == topologies.OPEN_CURVE:
             rim[[0, -1]] = True
         rim[self.rim_sides[0]] = True
         return rim
@@ -136,7 +129,7 @@ class Deformable:
     def rim_sides(self) -> tuple[Ints, Ints]:
         """Sides of triangles without a neighbour, and their third corners; none of a curve."""
         none = np.zeros((0, 3), dtype=np.int64)
-        return open_sides(self.cells if self.cells.shape[1] == 3 else none)
+        return observation.open_sides(self.cells if self.cells.shape[1] == 3 else none)
 
 
 # Share of the area in triangles turned against their neighbours. A single sliver may turn.
@@ -147,7 +140,7 @@ _MOST_FOLDED = 0.01
 _LEAST_VOLUME = 0.01
 
 
-def require_volume(cavity: Cavity | None, vertices: Floats) -> None:
+def require_volume(cavity: mesh.Cavity | None, vertices: Floats) -> None:
     """Check that a surface that encloses a volume does so in every frame.
 
     Parameters
@@ -166,7 +159,7 @@ def require_volume(cavity: Cavity | None, vertices: Floats) -> None:
     volumes = np.abs(cavity.volume(vertices))
     frame, largest = int(volumes.argmin()), float(volumes.max())
     if volumes[frame] < _LEAST_VOLUME * largest:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"In frame {frame} the surface collapses: it encloses "
             f"{volumes[frame] / largest:.2%} of its largest volume.",
             remedy="Leave the frame out if its points are in one plane or on one side, or check "
@@ -197,7 +190,7 @@ def require_unfolded(surface: Deformable, vertices: Floats) -> None:
         turned, areas = _turned(surface, x)
         folded = float(areas[turned & ~at_rest].sum() / (areas.sum() or 1.0))
         if not folded <= _MOST_FOLDED:
-            raise ShapeError(
+            raise errors.ShapeError(
                 f"In frame {frame} the surface folds over itself on {folded:.0%} of its area: the "
                 "data do not fit a surface of this topology from this start.",
                 remedy="Check the landmarks and the topology, ask for fewer modes, or give a "
@@ -209,8 +202,8 @@ def require_unfolded(surface: Deformable, vertices: Floats) -> None:
 
 def _turned(surface: Deformable, x: Floats) -> tuple[Bools, Floats]:
     """Triangles turned against their neighbours, and the areas of all."""
-    own = face_normals(x, surface.cells)
-    around = vertex_normals(x, surface.cells)[surface.cells].sum(axis=1)
+    own = triangles.face_normals(x, surface.cells)
+    around = geometry.vertex_normals(x, surface.cells)[surface.cells].sum(axis=1)
     return (own * around).sum(axis=1) < 0, np.linalg.norm(own, axis=1)
 
 
@@ -301,7 +294,7 @@ def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
     """
     sides, opposite = rim_at(surface, end)
     x, axes = surface.template.vertices, surface.template.topology.ends
-    if not len(sides) or len(axes) != 2 or axes[1] != CLOSED:
+    if not len(sides) or len(axes) != 2 or axes[1] != topologies.CLOSED:
         return None
     length = float(np.linalg.norm(x[sides[:, 1]] - x[sides[:, 0]], axis=1).sum())
     n = round(length / width)
@@ -310,7 +303,7 @@ def rim_of(surface: Deformable, end: str, width: float) -> Rim | None:
     sectors = np.floor(surface.template.coordinates[:, 1] % 1.0 * n).astype(np.int64) % n
     if len(np.unique(sectors[sides[:, 0]])) < n:
         return None
-    return Rim(sides, opposite, sectors, closest_points(x, x, sides).distances, n)
+    return Rim(sides, opposite, sectors, closest.closest_points(x, x, sides).distances, n)
 
 
 def rim_at(surface: Deformable, end: str) -> tuple[Ints, Ints]:
@@ -326,7 +319,7 @@ def rim_at(surface: Deformable, end: str) -> tuple[Ints, Ints]:
     sides, opposite = surface.rim_sides
     # At a pole the rows of a lattice leave a hole that is none.
     first, last = template.topology.ends[0]
-    if not len(sides) or (first if end == "apex" else last) != End.OPEN:
+    if not len(sides) or (first if end == "apex" else last) != topologies.End.OPEN:
         return sides[:0], opposite[:0]
     s = template.coordinates[:, 0]
     at_end = (np.abs(s - (0.0 if end == "apex" else 1.0)) < NEAR_END)[sides].all(axis=1)
@@ -364,7 +357,7 @@ def alike_over(surface: Deformable, vertices: Ints, shares: Floats, n_values: fl
     return float((shares[:, None] * shares * alike).sum())
 
 
-def place_on(surface: Deformable, place: Place) -> tuple[Ints, Floats]:
+def place_on(surface: Deformable, place: observation.Place) -> tuple[Ints, Floats]:
     """Vertices of a landmark's place, and their shares in it.
 
     Raises
@@ -379,7 +372,7 @@ def place_on(surface: Deformable, place: Place) -> tuple[Ints, Floats]:
         vertices = np.atleast_1d(np.asarray(place, dtype=np.int64))
         shares = np.full(len(vertices), 1.0 / max(1, len(vertices)))
     if not len(vertices) or not 0 <= vertices.min() <= vertices.max() < template.n_vertices:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The landmark {place!r:.60} is no place of the surface, which is a "
             f"{template.topology} of {template.n_vertices} vertices.",
             remedy="Name apex or base where the surface has such an end, or vertices of the start.",

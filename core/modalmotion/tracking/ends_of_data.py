@@ -1,7 +1,5 @@
 """Where the data of frames end, and whether the surface ends there."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple

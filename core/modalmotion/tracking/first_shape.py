@@ -1,16 +1,13 @@
 """The shape of the reference frame, where no surface comes with the data."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.mesh import lattice_faces
-from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import (
+from modalmotion import errors, mesh
+from modalmotion.mesh import sequence
+from modalmotion.modes.topologies import (
     CLOSED_CURVE,
     CUP,
     CYLINDER,
@@ -22,12 +19,9 @@ from modalmotion.modes.topology import (
 )
 from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
-from modalmotion.tracking.closest import across
+from modalmotion.tracking import closest, map_frames, normal_equations, observation
 from modalmotion.tracking.deformable import Deformable, require_unfolded
-from modalmotion.tracking.map_frames import first_guess, map_frame, shape_evidence
 from modalmotion.tracking.noise import Noise
-from modalmotion.tracking.normal_equations import across_covariance
-from modalmotion.tracking.observation import Frame, ends_in
 
 # Fine enough that flat triangles on a ventricle are 0.03 mm off.
 _SURFACE: Final = (32, 64)
@@ -49,7 +43,7 @@ STARTS: Final = (CUP, SPHERE, CYLINDER, PLANE, CLOSED_CURVE, OPEN_CURVE)
 
 def start_shape(
     topology: Topology, points: Floats, landmarks: Mapping[str, Floats]
-) -> MeshSequence:
+) -> sequence.MeshSequence:
     """Place a spheroid, tube, sheet, ellipse or line among points.
 
     Parameters
@@ -70,13 +64,13 @@ def start_shape(
         If the topology cannot be started, or needs landmarks that are not there or in one place.
     """
     if topology not in STARTS:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"A {topology} cannot be started from landmarks.",
             remedy="Give a surface as start, or one of the topologies "
             f"{', '.join(t.name for t in STARTS)}.",
         )
     if topology in (CUP, CYLINDER) and not {"apex", "base"} <= set(landmarks):
-        raise ParameterError(
+        raise errors.ParameterError(
             f"A {topology} starts from the landmarks apex and base; "
             f"{', '.join(landmarks) or 'none'} came for the reference frame.",
             remedy="State apex=x,y,z and base=x,y,z (the middle of the opening), or give a "
@@ -91,7 +85,7 @@ def start_shape(
         apex, base = landmarks["apex"], landmarks["base"]
         length = float(np.linalg.norm(base - apex))
         if not length > 0:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "The landmarks apex and base are the same place.",
                 remedy="State two ends of the surface.",
             )
@@ -99,7 +93,7 @@ def start_shape(
         r = points - apex
         radii = np.linalg.norm(r - np.outer(r @ axis, axis), axis=1)
         radius = max(float(np.median(radii)), 1e-3 * length) if len(points) else length / 4
-        axes = np.vstack([axis, across(axis)])
+        axes = np.vstack([axis, closest.across(axis)])
         middle, extents = (apex + base) / 2, np.array([length / 2, radius, radius])
     else:
         extents = spread * _FACTORS.get(topology, _LINE)
@@ -108,8 +102,8 @@ def start_shape(
             extents = np.maximum(extents, 0.05 * extents.max())
     local = _unit_shape(topology, s, theta)
     x: Floats = middle + (local * extents) @ axes
-    faces = lattice_faces(topology, shape) if topology.n_axes == 2 else None
-    return mesh_sequence(x[None], faces, grid=shape, topology=topology)
+    faces = mesh.lattice_faces(topology, shape) if topology.n_axes == 2 else None
+    return sequence.mesh_sequence(x[None], faces, grid=shape, topology=topology)
 
 
 def _unit_shape(topology: Topology, s: Floats, theta: Floats) -> Floats:
@@ -190,7 +184,7 @@ class FirstShape(NamedTuple):
     covariance: Floats
 
 
-def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> FirstShape:
+def shape_in(frame: observation.Frame, number: int, topology: Topology | str | None) -> FirstShape:
     """Bring a start by landmarks to the points of one frame.
 
     Parameters
@@ -206,7 +200,7 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     InputError
         If there are too few points, or the landmarks that the topology needs are missing.
     """
-    places = ends_in(frame)
+    places = observation.ends_in(frame)
     if isinstance(topology, str):
         topology = Topology.parse(topology)
     if topology is None:
@@ -216,16 +210,16 @@ def shape_in(frame: Frame, number: int, topology: Topology | str | None) -> Firs
     _require_extent(cloud, number, topology)
     rough = start_shape(topology, cloud, places)
     surface = Deformable.of(make_template(rough), _SHAPE_MODES)
-    prior, noise = first_guess(surface)
+    prior, noise = map_frames.first_guess(surface)
     a = np.zeros((len(surface), 3))
     for _ in range(_SHAPE_ROUNDS):
-        own = map_frame(surface, frame, a, prior.variances(surface.wavenumbers), noise)
+        own = map_frames.map_frame(surface, frame, a, prior.variances(surface.wavenumbers), noise)
         a = own.amplitudes
-        prior, noise = shape_evidence(surface, own, prior)
+        prior, noise = map_frames.shape_evidence(surface, own, prior)
     shape = surface.positions(a)
     require_unfolded(surface, shape[None])
-    fitted = mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)
-    covariance = across_covariance(own.covariance, own.information)
+    fitted = sequence.mesh_sequence(shape[None], rough.faces, grid=rough.grid, topology=topology)
+    covariance = normal_equations.across_covariance(own.covariance, own.information)
     return FirstShape(make_template(fitted), rough.grid, surface.shapes, noise, covariance)
 
 
@@ -247,7 +241,7 @@ def _require_extent(cloud: Floats, number: int, topology: Topology) -> None:
         remedy = "whose points are on the surface, state the topology plane or closed curve"
     else:
         return
-    raise ShapeError(
+    raise errors.ShapeError(
         f"Frame {number}, which the shape is taken from, {reason}.",
         remedy=f"Name a reference frame {remedy}, or give a surface as start.",
         frame=number,

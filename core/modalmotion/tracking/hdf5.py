@@ -1,7 +1,5 @@
 """Tracks as HDF5."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -9,16 +7,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion.errors import StoreError
+from modalmotion import errors, notes
 from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, form_of, json_text
 from modalmotion.mesh.sequence import TRACK, sequence_datasets, sequence_in
 from modalmotion.modes import ModeSet
-from modalmotion.notes import notes_from_json
 from modalmotion.template.body_frame import affine_shapes
 from modalmotion.template.template import shapes_of, template_datasets, template_in
+from modalmotion.tracking import quality_checks, result
 from modalmotion.tracking.noise import Noise, Prior
-from modalmotion.tracking.quality_checks import uncertainty_of
-from modalmotion.tracking.result import ImageAnswer, SampledData, Track
 
 FORM: Final = TRACK
 
@@ -77,7 +73,7 @@ def _read(
     }
 
 
-def track_to_hdf5(track: Track) -> bytes:
+def track_to_hdf5(track: result.Track) -> bytes:
     """Write a track as a sealed HDF5 file in memory, its sequence and its template included.
 
     Parameters
@@ -117,7 +113,7 @@ def track_to_hdf5(track: Track) -> bytes:
     )
 
 
-def track_from_hdf5(source: bytes | Path) -> Track:
+def track_from_hdf5(source: bytes | Path) -> result.Track:
     """Read a track, bit for bit as it was written.
 
     Parameters
@@ -132,7 +128,7 @@ def track_from_hdf5(source: bytes | Path) -> Track:
     return read_track(source)[0]
 
 
-def read_track(source: bytes | Path) -> tuple[Track, Contents]:
+def read_track(source: bytes | Path) -> tuple[result.Track, Contents]:
     """Read a track, and the contents of its file besides.
 
     Raises
@@ -144,18 +140,18 @@ def read_track(source: bytes | Path) -> tuple[Track, Contents]:
         return _track_in(contents), contents
 
 
-def kept_track(source: Path) -> Track | None:
+def kept_track(source: Path) -> result.Track | None:
     """Read the track that a file holds; None of other files."""
     if source.suffix.lower() not in (".h5", ".hdf5") or not source.is_file():
         return None
     try:
         is_track = form_of(source).kind == FORM.kind
-    except StoreError:
+    except errors.StoreError:
         return None
     return track_from_hdf5(source) if is_track else None
 
 
-def _data_in(contents: Contents, sizes: Mapping[str, int]) -> SampledData | None:
+def _data_in(contents: Contents, sizes: Mapping[str, int]) -> result.SampledData | None:
     if "data_points" not in contents.arrays:
         return None
     arrays = _read(
@@ -165,10 +161,10 @@ def _data_in(contents: Contents, sizes: Mapping[str, int]) -> SampledData | None
     if counts.min(initial=0) < 0 or counts.sum() != n:
         raise ValueError(f"the frames have {counts.sum()} points, and there are {n}")
     arrays["are_landmarks"] = arrays["are_landmarks"].astype(np.bool_)
-    return SampledData(**arrays)
+    return result.SampledData(**arrays)
 
 
-def _estimate(track: Track) -> dict[str, object]:
+def _estimate(track: result.Track) -> dict[str, object]:
     return {
         "prior": asdict(track.prior),
         "noise": asdict(track.noise),
@@ -180,7 +176,7 @@ def _estimate(track: Track) -> dict[str, object]:
     }
 
 
-def _track_in(contents: Contents) -> Track:
+def _track_in(contents: Contents) -> result.Track:
     """Read the track that the contents of a file hold."""
     sequence, template = sequence_in(contents), template_in(contents, _SHAPE)
     (f, v, _), m = sequence.vertices.shape, len(contents.array("wavenumbers", (None, None)))
@@ -191,7 +187,7 @@ def _track_in(contents: Contents) -> Track:
     found = _read(contents, _MODES, sizes)
     modes = ModeSet(topology, found["wavenumbers"], found["is_sine"].astype(np.bool_))
     arrays = _read(contents, _TRACK, sizes)
-    uncertainty = uncertainty_of(
+    uncertainty = quality_checks.uncertainty_of(
         template,
         affine_shapes(shapes_of(modes, template), template),
         contents.array("across_covariances", (f, 3 * m, 3 * m)),
@@ -201,7 +197,7 @@ def _track_in(contents: Contents) -> Track:
         estimate["reference"],
     )
     sequence = replace(sequence, uncertainty=uncertainty)
-    track = Track(
+    track = result.Track(
         **arrays,
         sequence=sequence,
         template=template,
@@ -213,8 +209,8 @@ def _track_in(contents: Contents) -> Track:
         volume_correlation=estimate["volume_correlation"],
         reference=estimate["reference"],
         data=_data_in(contents, sizes),
-        notes=notes_from_json(contents.json("notes", list)),
+        notes=notes.notes_from_json(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
-        images=None if estimate["images"] is None else ImageAnswer(**estimate["images"]),
+        images=None if estimate["images"] is None else result.ImageAnswer(**estimate["images"]),
     )
     return track.informed()

@@ -9,26 +9,23 @@ beat. So one number turns volumes of the convention `pool` into those of the con
 which muscles do not count as cavity.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from modalmotion.errors import ParameterError, ShapeError
+from modalmotion import errors, mesh
 from modalmotion.images import ImageSequence, PlaneSet
 from modalmotion.images.volume import Image
-from modalmotion.mesh import face_areas
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import gram, inverse_of_cholesky
 from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
+from modalmotion.tracking import first_shape, map_frames, moving_base, result
 from modalmotion.tracking.deformable import Deformable, require_unfolded
-from modalmotion.tracking.first_shape import start_shape
 from modalmotion.tracking.image_view import (
     Facets,
     Imaging,
@@ -39,18 +36,9 @@ from modalmotion.tracking.image_view import (
     view_of,
 )
 from modalmotion.tracking.landmarks import Proposed, with_landmarks
-from modalmotion.tracking.map_frames import (
-    FrameEstimate,
-    first_guess,
-    map_frame,
-    paths_from,
-    shape_evidence,
-)
-from modalmotion.tracking.moving_base import HELD, base_by_volume, ends_of_cup
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations, normal_equations
 from modalmotion.tracking.observation import Frame, Observation, ends_in
-from modalmotion.tracking.result import ImageAnswer, Papillary, Track
 from modalmotion.tracking.trabecular_correction import has_trabeculae, with_trabeculae
 
 # mm: prior deviation of a slice's shift along each of its axes, before the shifts themselves say.
@@ -92,7 +80,7 @@ class _Joint(NamedTuple):
     pull: Floats
 
 
-def with_shifts(scene: Scene) -> tuple[FrameEstimate, Imaging]:
+def with_shifts(scene: Scene) -> tuple[map_frames.FrameEstimate, Imaging]:
     """Amplitudes and shifts of all planes in one step, for either could explain the other's part.
 
     Notes
@@ -108,7 +96,7 @@ def with_shifts(scene: Scene) -> tuple[FrameEstimate, Imaging]:
     step = (inverse.T @ (inverse @ right))[:, 0]
     covariance = gram(inverse)
     own = np.ascontiguousarray(covariance[:n, :n])
-    estimate = FrameEstimate((now + step[:n]).reshape(-1, 3), joint.info, own)
+    estimate = map_frames.FrameEstimate((now + step[:n]).reshape(-1, 3), joint.info, own)
     shifts = imaging.shifts + step[n:].reshape(-1, 3)
     # What the images have set of them, of both axes of each plane; the third stays the prior's.
     set_by = shifts.size - np.diag(covariance)[n:].sum() / imaging.shift_sd**2
@@ -218,11 +206,11 @@ def search(
         if not is_known and isinstance(image, PlaneSet):
             own, imaging = with_shifts(Scene(surface, frame, view, a, prior, noise, imaging))
         else:
-            own = map_frame(surface, frame, a, variances, noise, most_steps=2)
+            own = map_frames.map_frame(surface, frame, a, variances, noise, most_steps=2)
         change = float(np.linalg.norm(own.amplitudes - a))
         a = own.amplitudes
         if not is_known and step:
-            prior, noise = shape_evidence(surface, own, prior)
+            prior, noise = map_frames.shape_evidence(surface, own, prior)
             imaging = renewed(imaging, view)
         if change < _SMALL:
             break
@@ -287,13 +275,15 @@ def reference_shape(
     bent = np.zeros(base.n_vertices)
     for modes, reach in (*_COLD, SHAPE):
         surface = Deformable.of(base, modes)
-        prior, noise = first_guess(surface)
+        prior, noise = map_frames.first_guess(surface)
         is_cold = len(a) == 1
         a = np.concatenate([a, np.zeros((len(surface) - len(a), 3))])
         if is_cold:
             # Wherever a start is, and however wide it is, rays from the axis met the edge there.
             variances = prior.variances(surface.wavenumbers)
-            a = map_frame(surface, (Observation(points), *marks), a, variances, noise).amplitudes
+            a = map_frames.map_frame(
+                surface, (Observation(points), *marks), a, variances, noise
+            ).amplitudes
         state = search(
             surface,
             facets,
@@ -308,7 +298,7 @@ def reference_shape(
         )
         a, imaging, found = state.amplitudes, state.imaging, state.view.found
     if found < LEAST_FOUND:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"No object is seen in frame {number}: on {found:.0%} of the profiles across the "
             "surface there is an edge, and noise alone shows one on a tenth.",
             remedy="Check apex and base, and that the images show an inside and an outside.",
@@ -352,7 +342,7 @@ def below_base(imaging: Imaging, marks: Frame, template: Template) -> Imaging:
     known = ends_in(marks).get("base")
     if template.surface != CUP or known is None:
         return imaging
-    tip, base = ends_of_cup(template)
+    tip, base = moving_base.ends_of_cup(template)
     axis = (base - tip) / np.linalg.norm(base - tip)
     return replace(imaging, valve=(axis, float(known @ axis) + _BEYOND))
 
@@ -438,13 +428,13 @@ def frames_of_images(
     places = ends_in(stated[reference])
     image = images.frames[reference]
     if image is None:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"Frame {reference}, which the shape is taken from, is missing.",
             remedy="Name a reference frame that is there.",
             frame=reference,
         )
     if not {"apex", "base"} <= set(places):
-        raise ParameterError(
+        raise errors.ParameterError(
             "Images show edges, but not which of them bound the surface: the landmarks apex and "
             f"base are missing in the reference frame {reference}.",
             remedy="Give apex=x,y,z and base=x,y,z (the middle of the opening) in LPS mm, or a "
@@ -457,7 +447,7 @@ def frames_of_images(
     middle = (places["apex"] + places["base"]) / 2.0
     imaging = Imaging(first.levels, np.zeros(3), middle, np.zeros((n_planes, 3)))
     if start is None:
-        rough = start_shape(CUP, first.points, places)
+        rough = first_shape.start_shape(CUP, first.points, places)
     elif isinstance(start, Template):
         rough = mesh_sequence(start.vertices[None], start.faces, topology=start.topology)
     else:
@@ -474,14 +464,14 @@ def frames_of_images(
     facets = Facets.of(template.faces, template.vertices, template.weights)
     tips = marks = stated
     if is_cup := template.surface == CUP:
-        tip, base = ends_of_cup(template)
+        tip, base = moving_base.ends_of_cup(template)
         tips = with_end(stated, reference, "apex", tip, _TIP)
-        marks = with_end(tips, reference, "base", base + _DESCENT * (tip - base), HELD)
+        marks = with_end(tips, reference, "base", base + _DESCENT * (tip - base), moving_base.HELD)
     walked = _walk(surface, facets, images, marks, imaging, reference, is_closed, done)
     shapes = np.stack([surface.positions(a) for a in walked])
     if is_cup and marks != tips:
-        by_volume, _ = base_by_volume(stated, template, reference, shapes)
-        marks = with_end(tips, reference, "base", by_volume, HELD)
+        by_volume, _ = moving_base.base_by_volume(stated, template, reference, shapes)
+        marks = with_end(tips, reference, "base", by_volume, moving_base.HELD)
     near = _NEXT[-1][1]
     views: list[View | None] = []
     looks: list[Imaging] = []
@@ -535,7 +525,7 @@ def _walk(
     """Amplitudes of all frames, both ways from the reference."""
     n = images.n_frames
     amplitudes = np.zeros((n, len(surface), 3))
-    for path in paths_from(reference, n, is_closed=is_closed)[1:]:
+    for path in map_frames.paths_from(reference, n, is_closed=is_closed)[1:]:
         a = np.zeros((len(surface), 3))
         for k in path:
             image = images.frames[k]
@@ -552,7 +542,7 @@ def _next(
 ) -> Floats:
     for modes, reach in _NEXT:
         coarse = surface if modes >= len(surface) else Deformable.of(surface.template, modes)
-        prior, noise = first_guess(coarse)
+        prior, noise = map_frames.first_guess(coarse)
         m = len(coarse)
         # What finer modes have reached stays where it is.
         rest = surface.positions(np.concatenate([np.zeros((m, 3)), a[m:]]))
@@ -601,8 +591,8 @@ _SHELL: Final = 1.4
 
 
 def with_images(
-    track: Track, images: ImageSequence, found: ImageFrames, papillary: Papillary
-) -> Track:
+    track: result.Track, images: ImageSequence, found: ImageFrames, papillary: result.Papillary
+) -> result.Track:
     """Add to a track of edges what its images were like.
 
     Parameters
@@ -627,13 +617,13 @@ def with_images(
         voxel = max(max(plane.spacing) for plane in first.planes)
     else:
         voxel = max(first.spacing)
-    areas = np.array([face_areas(x, track.template.faces).sum() for x in shapes])
+    areas = np.array([mesh.face_areas(x, track.template.faces).sum() for x in shapes])
     # Steps of a label map are noise of its edges, which residuals show.
     localisation = 0.0
     if not imaging.levels.is_labelled:
         localisation = float(np.hypot(_OF_VOXEL * voxel, _OF_NOISE * track.noise.sd))
     volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
-    answer = ImageAnswer(
+    answer = result.ImageAnswer(
         papillary,
         papillary_volume(images.frames, shapes, volumes, found.facets, imaging),
         imaging.levels.inside,

@@ -1,17 +1,14 @@
 """What an image shows of a surface: edges on profiles, and how bright both sides are."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from modalmotion.errors import ShapeError
+from modalmotion import errors, mesh
 from modalmotion.images import Plane, PlaneSet, Volume
 from modalmotion.images.volume import Image
-from modalmotion.mesh import Cavity
 from modalmotion.mesh.geometry import Edges as MeshEdges
 from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.representation import Bools, Floats, Ints, shown
@@ -249,12 +246,12 @@ class Facets:
     vertices: Ints
 
     @staticmethod
-    def of(faces: Ints, x: Floats, weights: Floats) -> Facets:
+    def of(faces: Ints, x: Floats, weights: Floats) -> "Facets":
         """Take them from triangles, positions (vertices, 3) and areas (vertices,)."""
         ends = np.cumsum(weights) / weights.sum()
         spread = (np.arange(_N_PROFILES) + 0.5) / _N_PROFILES
         vertices = np.unique(np.searchsorted(ends, spread).clip(0, len(x) - 1))
-        outward = 1.0 if float(Cavity(faces).volume(x)) >= 0 else -1.0
+        outward = 1.0 if float(mesh.Cavity(faces).volume(x)) >= 0 else -1.0
         return Facets(faces, MeshEdges.of(faces), outward, vertices)
 
     def normals(self, x: Floats) -> Floats:
@@ -308,7 +305,7 @@ class Imaging:
     valve: tuple[Floats, float] | None = None
     has_layers: bool = False
 
-    def within(self, reach: float) -> Imaging:
+    def within(self, reach: float) -> "Imaging":
         """Return the same for edges up to `reach` mm away."""
         return replace(self, crossing=FAR_CROSSING if reach > _NEAR else NEAR_CROSSING)
 
@@ -567,7 +564,7 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
     """
     length = float(np.linalg.norm(base - apex))
     if length < _SHORTEST:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"Apex and base are {length:.3g} mm apart in frame {frame}; walls of some mm are "
             f"looked for, in objects of {_SHORTEST:g} mm and more.",
             remedy="State apex and base in LPS mm; of a smaller object enlarge the spacing, and "
@@ -579,7 +576,7 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
     starts, directions, profiles = _rays(image, apex, base, offsets)
     there = np.isfinite(profiles).mean(axis=1) > 0.6
     if there.sum() < _N_TURNS:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"The object is outside the images of frame {frame}: of {len(there)} rays from its "
             f"axis {int(there.sum())} are in the field of view.",
             remedy="State apex and base in LPS mm of these images (RAS has other signs of x, y).",
@@ -607,7 +604,7 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
     agrees = is_edge & (np.sign(A - B) == sign)
     noise = _PER_MEDIAN * float(np.median(np.abs(np.diff(v, axis=1)))) / np.sqrt(2.0)
     if agrees.mean() < _LEAST_AGREED:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"No object is seen about the axis in frame {frame}: of the rays outward only "
             f"{agrees.mean():.0%} meet an edge of one kind.",
             remedy="Check apex and base, and that the images show them.",
@@ -723,8 +720,8 @@ def _levels(inner: Floats, outer: Floats, noise: float) -> Levels:
     return Levels(inside, outside, max(spread, noise, 1e-12 * abs(inside - outside)))
 
 
-def _no_contrast(frame: int, contrast: float) -> ShapeError:
-    return ShapeError(
+def _no_contrast(frame: int, contrast: float) -> errors.ShapeError:
+    return errors.ShapeError(
         f"The images of frame {frame} have no contrast about the axis from apex to base: the two "
         f"sides differ by {contrast:.2g} of the noise.",
         remedy="Check apex and base, or take images in which the object stands out.",

@@ -6,8 +6,6 @@ frames vote: a frame that lacks a slice, or has one too many, is outvoted, and t
 level is that of all paths that go with the slices.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -19,10 +17,8 @@ from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.images.volume import Image, is_sliced
 from modalmotion.notes import Note
 from modalmotion.representation import Bools, Floats, Ints
-from modalmotion.tracking.closest import across
-from modalmotion.tracking.label_values import cavity_in, values_in
+from modalmotion.tracking import closest, label_values, moving_base
 from modalmotion.tracking.landmarks import Proposed
-from modalmotion.tracking.moving_base import DESCENT
 
 # Brightness of the labelled cavity; outside is 0.
 _INSIDE: Final = 100.0
@@ -90,7 +86,7 @@ def from_labels(images: ImageSequence, labels: Sequence[int] = ()) -> Labelled:
     """
     decided: tuple[Note, ...] = ()
     if not labels:
-        value, note = cavity_in(images)
+        value, note = label_values.cavity_in(images)
         labels, decided = (value,), (note,)
     frames = _with_room([_shown(k, frame, labels) for k, frame in enumerate(images.frames)])
     sliced = any(is_sliced(frame) for frame in frames if frame is not None)
@@ -154,7 +150,7 @@ def _shown(k: int, frame: Image | None, labels: Sequence[int]) -> Volume | None:
     if cavity.sum() < _FEWEST:
         raise ParameterError(
             f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
-            remedy=f"Name one of these by --label: {values_in(frame)}.",
+            remedy=f"Name one of these by --label: {label_values.values_in(frame)}.",
             frame=k,
         )
     return Volume(np.where(cavity, np.float32(_INSIDE), np.float32(0.0)), frame.affine)
@@ -233,7 +229,7 @@ def _flat_end(cavity: Bools, A: Floats, axis: Floats, half: float) -> Floats:
     best, reach = axis, _MOST_ASLANT
     for _ in range(3):
         steps = np.linspace(-reach, reach, 9)
-        tried = best + np.array([[a, b] for a in steps for b in steps]) @ across(best)
+        tried = best + np.array([[a, b] for a in steps for b in steps]) @ closest.across(best)
         tried /= np.linalg.norm(tried, axis=1, keepdims=True)
         heights = border @ tried.T
         near = (heights > heights.max(axis=0) - _CUT * half).sum(axis=0)
@@ -483,7 +479,7 @@ def _levels(tops: Floats, gaps: Floats, step: float, ejected: Floats) -> tuple[F
     All on a grid: the weight of (H, c) is the product over frames of the sum over e of how likely
     the frame's highest slice is below such a base.
     """
-    mean, sd = DESCENT
+    mean, sd = moving_base.DESCENT
     c = mean + sd * np.linspace(-2.5, 2.5, 21)
     H = np.arange(tops.min() - step, tops.max() + mean * ejected.max() + 4.0 * step, _GRID)
     slices = np.arange(-0.5, 2.0 + gaps.max(), _GRID / step)

@@ -5,18 +5,15 @@ along the septum alone. So maps are read alike whether the cavity is 3 (ACDC, To
 chambers), 1 (M&Ms) or something else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
 import scipy
 
-from modalmotion.errors import ParameterError
+from modalmotion import errors, notes
 from modalmotion.images import ImageSequence, Volume
 from modalmotion.images.volume import is_sliced
-from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints
 
 NO_MAP: Final = "none"
@@ -72,7 +69,7 @@ def is_label_map(images: ImageSequence) -> bool:
     pairs = np.diff(values.astype(np.int64), axis=along)
     is_map = bool((pairs == 0).mean() >= _ALIKE)
     if is_map and n_missing:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"{n_missing} voxels of the label map are not numbers (NaN or infinite).",
             remedy="Write 0 for unlabelled voxels.",
         )
@@ -94,14 +91,14 @@ def whole_labels(labels: Sequence[str | int]) -> list[int]:
         try:
             values.append(int(label))
         except ValueError:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The label {label!r:.40} is no whole number, as those of a label map are.",
                 remedy=_REMEDY,
             ) from None
     return values
 
 
-def cavity_in(images: ImageSequence) -> tuple[int, Note]:
+def cavity_in(images: ImageSequence) -> tuple[int, notes.Note]:
     """Decide which value is the cavity: that which another, its wall, encloses.
 
     Returns
@@ -135,7 +132,7 @@ def cavity_in(images: ImageSequence) -> tuple[int, Note]:
     if is_enclosed[second] and ml[second] > _NEXT * ml[first] and walls[first] != second:
         raise _undecided(f"{values[first]} and {values[second]} are both enclosed by others", named)
     wall = values[walls[first]]
-    note = Note.of(
+    note = notes.Note.of(
         "cavity_recognised",
         label=values[first],
         wall=wall,
@@ -190,23 +187,23 @@ def _borders(volume: Volume, values: Ints) -> Ints:
     return both
 
 
-def _of_one(volume: Volume, value: int, named: str) -> tuple[int, Note]:
+def _of_one(volume: Volume, value: int, named: str) -> tuple[int, notes.Note]:
     """Take a map of one label as that of a cavity, unless it is a ring."""
     own = np.moveaxis(volume.values == value, int(np.argmax(volume.spacing)), 0)
     filled = sum(int(scipy.ndimage.binary_fill_holes(section).sum()) for section in own)
     if filled - own.sum() > _HOLE * filled:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The map has one label ({named}), which is a ring: a wall without a label of its "
             "cavity.",
             remedy="Give the cavity a label of its own.",
             details={"labels": [value]},
         )
-    note = Note.of("one_label", volumes=named)
+    note = notes.Note.of("one_label", volumes=named)
     return value, note
 
 
-def _undecided(reason: str, named: str) -> ParameterError:
-    return ParameterError(
+def _undecided(reason: str, named: str) -> errors.ParameterError:
+    return errors.ParameterError(
         f"Which label is the cavity? Of the labels in the map ({named}) {reason}.",
         remedy=_REMEDY,
     )

@@ -1,7 +1,5 @@
 """Landmarks of a recording: one place, or one for each frame, in files and as JSON."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping
@@ -11,8 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion.errors import MalformedFileError, ParameterError, ShapeError
-from modalmotion.mesh import UNKNOWN, Facts
-from modalmotion.mesh.fact_forms import read_object
+from modalmotion.mesh import UNKNOWN, Facts, fact_forms
 from modalmotion.mesh.facts import WORDS
 from modalmotion.notes import Note
 from modalmotion.representation import Floats, counted, shown
@@ -60,7 +57,7 @@ def landmarks_from_json(text: str) -> dict[str, Floats]:
     ParameterError
         If it is no such object; it names the landmark.
     """
-    values = read_object("landmarks", text)
+    values = fact_forms.read_object("landmarks", text)
     return {name: places_of(name, value) for name, value in values.items()}
 
 

@@ -1,7 +1,5 @@
 """Tracking: from observations of a surface to its motion, each with its uncertainty."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -9,17 +7,15 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from modalmotion.errors import ParameterError, ShapeError, TopologyError
-from modalmotion.mesh import Facts
-from modalmotion.mesh.checks import require_times
+from modalmotion import errors, mesh
+from modalmotion.mesh import checks
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.notes import Note
 from modalmotion.progress import Progress, Reporter
 from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
-from modalmotion.tracking.contour_ends import with_contour_ends
+from modalmotion.tracking import contour_ends, ends_of_data, moving_base, reading
 from modalmotion.tracking.deformable import Deformable, require_unfolded, require_volume
-from modalmotion.tracking.ends_of_data import with_endings
 from modalmotion.tracking.first_shape import FirstShape, shape_in
 from modalmotion.tracking.image_frames import ImageFrames, frames_of_images, with_images
 from modalmotion.tracking.landmarks import with_landmarks
@@ -34,7 +30,6 @@ from modalmotion.tracking.map_frames import (
     map_frames,
     paths_from,
 )
-from modalmotion.tracking.moving_base import with_assumed_base, with_levels
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.observation import Frame, observed_frames
 from modalmotion.tracking.parameters import TrackParameters
@@ -46,14 +41,13 @@ from modalmotion.tracking.quality_checks import (
     stated_deviations,
     uncertainty_of,
 )
-from modalmotion.tracking.reading import Recorded
 from modalmotion.tracking.result import Track, cavity_in, sample_of
 
 Start: TypeAlias = MeshSequence | Template
 
 
 def motion_in(
-    recorded: Recorded,
+    recorded: reading.Recorded,
     parameters: TrackParameters,
     *,
     start: Start | None = None,
@@ -103,7 +97,7 @@ class _Seen(NamedTuple):
     `pinned` the one whose surface is known, `unseen` those without a point.
     """
 
-    recorded: Recorded
+    recorded: reading.Recorded
     parameters: TrackParameters
     stated: tuple[Frame, ...]
     shown: ImageFrames | None
@@ -130,7 +124,7 @@ class _Seen(NamedTuple):
 
 
 def _observed(
-    recorded: Recorded,
+    recorded: reading.Recorded,
     p: TrackParameters,
     start: Start | None,
     period: float | None,
@@ -156,7 +150,7 @@ def _observed(
         )
         start, (frames, notes) = shown.start, observed_frames(shown.frames)
         period = period or images.period
-    times = None if p.times is None else require_times(p.times, n)
+    times = None if p.times is None else checks.require_times(p.times, n)
     phases = _phases(times, n, period, is_closed=is_closed)
     stated = with_landmarks(frames, p.landmarks, first, None if shown is None else shown.stated_sd)
     unseen = tuple(k for k, frame in enumerate(frames) if not any(map(len, frame)))
@@ -186,7 +180,7 @@ def _with_ends_of_contours(seen: _Seen) -> tuple[tuple[Frame, ...], Mapping[str,
     """2. Where contours end."""
     if seen.shown is not None:
         return seen.stated, {}
-    return with_contour_ends(seen.stated, seen.template, seen.first)
+    return contour_ends.with_contour_ends(seen.stated, seen.template, seen.first)
 
 
 def _surface_of(seen: _Seen, ended: tuple[Frame, ...]) -> tuple[Deformable, FirstShape | None]:
@@ -197,7 +191,7 @@ def _surface_of(seen: _Seen, ended: tuple[Frame, ...]) -> tuple[Deformable, Firs
         template = shape.template
     surface = Deformable.of(template, seen.parameters.modes).exact_for_affine()
     if not (np.isfinite(surface.size) and min(template.lengths) > 0):
-        raise ShapeError(
+        raise errors.ShapeError(
             "The start has no extent along one of its axes, so it has no modes that differ.",
             remedy="Give a surface as start that is spread out, or other landmarks.",
         )
@@ -210,9 +204,9 @@ def _with_ends_of_data(
     """4. Where clouds and meshes end."""
     _, noise = first_guess(surface)
     if shape is None:
-        return with_endings(surface, ended, noise, seen.pinned)
+        return ends_of_data.with_endings(surface, ended, noise, seen.pinned)
     beside = replace(noise, sd=shape.noise.sd, truncation=shape.noise.truncation)
-    return with_endings(surface, ended, beside, seen.first)
+    return ends_of_data.with_endings(surface, ended, beside, seen.first)
 
 
 def _frame_by_frame(
@@ -222,7 +216,7 @@ def _frame_by_frame(
     prior, noise = first_guess(surface)
     here = frames_at_rest(surface, frames, prior, noise, seen.paths, seen.done)
     shapes = np.stack([surface.positions(a) for a in amplitudes_of(surface, here)])
-    based, levels = with_assumed_base(frames, surface.template, seen.first, shapes)
+    based, levels = moving_base.with_assumed_base(frames, surface.template, seen.first, shapes)
     return here, based, levels if seen.shown is None else {**levels, **seen.shown.levels}
 
 
@@ -289,7 +283,7 @@ def _with_deviations(
         topology=template.topology,
         times=seen.times,
         unit=p.unit,
-        facts=Facts(tracking="normal_displacement", period=seen.period),
+        facts=mesh.Facts(tracking="normal_displacement", period=seen.period),
     )
     uncertainty = uncertainty_of(
         template, surface.shapes, found.across, found.lasting, truncations, noise.n_values, pinned
@@ -334,7 +328,7 @@ def _with_notes(
         has_marks = any(part.is_landmark for frame in seen.stated for part in frame)
         is_guessed = seen.template is None and seen.parameters.topology is None and not has_marks
         notes = (*notes, *end_notes(result, seen.stated, frames, is_guessed=is_guessed))
-    result = with_levels(result, levels)
+    result = moving_base.with_levels(result, levels)
     told = (*notes, *axis_notes(result, seen.stated), *notes_on(result))
     return replace(result, notes=told).informed()
 
@@ -347,7 +341,7 @@ def _phases(times: Floats | None, n: int, period: float | None, *, is_closed: bo
     if is_closed:
         whole_time = span * n / (n - 1) if period is None else float(period)
         if not whole_time > span:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The times span {span:g} s, the whole period of {whole_time:g} s: the last "
                 "frame repeats the first.",
                 remedy="Omit the last frame, give a longer period, or track with time open.",
@@ -360,7 +354,7 @@ def _template_of(start: Start) -> Template:
     """Template of a start, whose modes must be known in closed form."""
     template = start if isinstance(start, Template) else make_template(start)
     if template.surface is None:
-        raise TopologyError(
+        raise errors.TopologyError(
             f"No natural coordinates are known for the start. {template.reason}",
             remedy="Give one open or closed surface as start, a lattice with grid and topology, or "
             "landmarks apex and base in place of a start.",
@@ -372,7 +366,7 @@ def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None) -
     """Refuse frames of which one surface is known and no motion."""
     places = {*range(n_frames)} - {*unseen} | ({known} if known is not None else set())
     if n_frames > 1 and len(places) < 2:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"Only frame {min(places)} of {n_frames} was observed, which shows no motion.",
             remedy="Send points of another frame too, or this frame alone.",
             frame=min(places),
@@ -385,7 +379,7 @@ def _require_reference(reference: int | None, n_frames: int) -> int:
         return 0
     is_whole = type(reference) is int or isinstance(reference, np.integer)
     if not is_whole or not 0 <= reference < n_frames:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The reference is frame {reference!r:.40}, but there are {n_frames} frames (0 to "
             f"{n_frames - 1}).",
             remedy="Name a frame, counted from 0, or None where the start belongs to none.",

@@ -11,8 +11,6 @@ times the chain has springs of unequal length, and h^2 becomes its stiffness mat
 neighbours only, so the work grows as the number of frames.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, TypeAlias

@@ -1,7 +1,5 @@
 """Where the base of a ventricle is in frames that show no end of it: by the volume ejected."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -9,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from modalmotion.mesh.geometry import volume_gradient
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.representation import Floats
 from modalmotion.template import Template
 from modalmotion.tracking.observation import Frame, Observation, ends_in, states_end

@@ -8,8 +8,6 @@ those under which the data are the most likely. Beyond the last mode the same la
 gives the truncation: what the modes leave and how many independent values it has.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -43,7 +41,7 @@ class Prior:
     drift: float
 
     @staticmethod
-    def broad(size: float) -> Prior:
+    def broad(size: float) -> "Prior":
         """Start for a surface of this size: motion of a twentieth of it in the longest waves."""
         return Prior(0.05 * size * (2.0 * np.pi) ** 2, 2.0, 0.5 * size)
 

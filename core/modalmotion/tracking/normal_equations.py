@@ -1,17 +1,13 @@
 """The normal equations of one frame: what its data say of the amplitudes, linear about a shape."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.mesh.geometry import vertex_normals
-from modalmotion.mesh.triangles import face_normals
+from modalmotion.mesh import geometry, triangles
 from modalmotion.numeric.scales import gram
-from modalmotion.representation import Floats, Ints
+from modalmotion.representation import Array, Floats, Ints
 from modalmotion.tracking.closest import Matches, closest_points
 from modalmotion.tracking.deformable import Deformable, alike_over, place_on, rim_at
 from modalmotion.tracking.ends_of_data import Ending, Lying, lies_evenly
@@ -81,7 +77,7 @@ def normal_equations(
     """Linearise the data term about amplitudes, (modes, 3) float64."""
     x = surface.positions(amplitudes)
     of_points, marks = _Sum(len(surface)), _Sum(len(surface))
-    seen: list[tuple[NDArray[Any], ...]] = []
+    seen: list[tuple[Array, ...]] = []
     own = total = 0.0
     even: list[Lying] = []
     for part in frame:
@@ -146,7 +142,7 @@ def _add_points(
     if is_surface:
         # These turn as evenly as the surface, and not at the sides of triangles, where forces
         # would jump as often as points slide across.
-        at_corners = vertex_normals(x, surface.cells)[found.corners]
+        at_corners = geometry.vertex_normals(x, surface.cells)[found.corners]
         turned = (found.shares[:, :, None] * at_corners).sum(axis=1)
         size = np.linalg.norm(turned, axis=1, keepdims=True)
         normals = np.where(size > 0, turned / np.where(size > 0, size, 1.0), normals[:, 0])[:, None]
@@ -188,9 +184,9 @@ def bulge(found: Matches, x: Floats, cells: Ints, variance: Floats | float) -> F
     the radius; no more than half a deviation is taken.
     """
     corners = x[cells]
-    N = face_normals(x, cells)
+    N = triangles.face_normals(x, cells)
     size = (N * N).sum(axis=1)
-    normals = vertex_normals(x, cells)
+    normals = geometry.vertex_normals(x, cells)
     # 2 A grad phi_i = N / |N| x (the side opposite i), |N| = 2 A.
     total = np.zeros(len(cells))
     for i in range(3):

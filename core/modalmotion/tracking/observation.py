@@ -1,7 +1,5 @@
 """Observations: what was seen of a surface in one frame."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,9 +8,8 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from modalmotion import mesh, notes
 from modalmotion.errors import InputError, NonFiniteError, ParameterError, ShapeError
-from modalmotion.mesh import face_normals
-from modalmotion.notes import Note
 from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 
 Place: TypeAlias = str | int | tuple[int, ...]
@@ -155,7 +152,7 @@ def marks_at(frame: Frame, end: str) -> list[tuple[Floats, float]]:
     ]
 
 
-def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[Note, ...]]:
+def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[notes.Note, ...]]:
     """Read the frames of any kind of observed sequence.
 
     Parameters
@@ -186,7 +183,7 @@ def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[N
             "Nothing was observed in any frame.",
             remedy="Send points, contours or a surface for at least one frame.",
         )
-    note = Note.of("points_thinned", n_frames=n_thinned, most=_MOST_POINTS)
+    note = notes.Note.of("points_thinned", n_frames=n_thinned, most=_MOST_POINTS)
     return tuple(frames), (note,) if n_thinned else ()
 
 
@@ -232,7 +229,7 @@ def of_surface(vertices: Any, faces: Any) -> Observation:
             f"{len(x) - 1}).",
             remedy="Give vertices (n, 3) and triangles (m, 3) of these.",
         )
-    areas = np.linalg.norm(face_normals(x, faces), axis=1)
+    areas = np.linalg.norm(mesh.face_normals(x, faces), axis=1)
     weights = np.bincount(faces.ravel(), np.repeat(areas, 3), minlength=len(x))
     used = weights > 0
     if not used.any():

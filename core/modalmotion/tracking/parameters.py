@@ -1,15 +1,12 @@
 """Options of a track, the same in Python, for the command line and over HTTP."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral
 from typing import Any, Final, Literal, TypeAlias
 
+from modalmotion import errors, mesh
 from modalmotion.arguments.checking import whole
-from modalmotion.errors import ModeCountError, ParameterError
-from modalmotion.mesh import Facts
 from modalmotion.representation import shown
 from modalmotion.tracking.result import CONVENTIONS, Papillary
 
@@ -64,35 +61,35 @@ class TrackParameters:
 
     def __post_init__(self) -> None:
         if self.time not in ("cycle", "open"):
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The time is {self.time!r:.40}.",
                 remedy="Use cycle for one whole period, or open.",
             )
         if self.papillary not in CONVENTIONS:
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The convention about papillary muscles is {self.papillary!r:.40}.",
                 remedy="Use pool, where they are cavity, or wall, where they are not.",
             )
         if not isinstance(self.landmarks, Mapping | None):
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The landmarks are {self.landmarks!r:.40}, without names.",
                 remedy='Give each with its name, such as {"apex": (x, y, z)}.',
             )
         # A text would be taken apart to letters, each of which is part of some name.
         is_list = isinstance(self.labels, tuple | list)
         if not is_list or not all(isinstance(one, str | Integral) for one in self.labels):
-            raise ParameterError(
+            raise errors.ParameterError(
                 f"The labels are {self.labels!r:.40}.",
                 remedy="Give a list of whole numbers, or of names, such as (3,).",
             )
         if whole("modes", self.modes) < 2:
-            raise ModeCountError(
+            raise errors.ModeCountError(
                 f"{self.modes} modes are a translation at most.",
                 remedy="Ask for 2 modes or more (mode 0 is a translation); 37 are usual.",
             )
 
 
-def require_surface_tracking(facts: Facts) -> None:
+def require_surface_tracking(facts: mesh.Facts) -> None:
     """Refuse facts that state that tissue was tracked.
 
     Raises
@@ -100,7 +97,7 @@ def require_surface_tracking(facts: Facts) -> None:
     ParameterError
     """
     if facts.tracking not in ("normal_displacement", "unknown"):
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The fact 'tracking' is {facts.tracking!r}: what is tracked follows the "
             "surface, and not its tissue.",
             remedy="Leave it out; it becomes normal_displacement.",

@@ -1,16 +1,13 @@
 """How far a track may be off, how well it fits, and what its user should know of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from modalmotion.mesh import face_areas, vertex_areas
+from modalmotion.mesh import face_areas, geometry, vertex_areas
 from modalmotion.mesh.checks import Uncertainty
-from modalmotion.mesh.geometry import lid_gradient, volume_gradient
-from modalmotion.modes.topology import CLOSED, CUP, SPHERE
+from modalmotion.modes.topologies import CLOSED, CUP, SPHERE
 from modalmotion.notes import Note
 from modalmotion.representation import Floats, Ints
 from modalmotion.template import Template
@@ -160,8 +157,8 @@ def stated_deviations(
             surface.shapes, normals_of(template, x), found.across[k], found.lasting[k], T
         )
         if cavity is not None and of_volumes is not None:
-            gradient = surface.shapes.T @ volume_gradient(cavity, x)
-            of_lids = surface.shapes.T @ lid_gradient(cavity, x)
+            gradient = surface.shapes.T @ geometry.volume_gradient(cavity, x)
+            of_lids = surface.shapes.T @ geometry.lid_gradient(cavity, x)
             area = float(face_areas(x, cavity.faces).sum())
             of_volumes[k] = volume_deviation(
                 gradient, of_lids, found.across[k], found.lasting[k], area, T, n_values

@@ -1,7 +1,5 @@
 """Observations from files: a mesh, a cloud or contours for each frame, or one npz for all."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,33 +8,21 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ParameterError, ShapeError
-from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
+from modalmotion.formats import detect, frame_files, npz, volumes
 from modalmotion.formats.frame import NOTHING_TO_TRACK
-from modalmotion.formats.frame_files import (
-    FRAME_SUFFIXES,
-    SERIES_SUFFIXES,
-    is_hidden,
-    list_frames,
-    natural_key,
-    notes_on_numbers,
-    opened,
-)
 from modalmotion.formats.frames import read_mesh
-from modalmotion.formats.npz import read_arrays, text_in
 from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Parser
 from modalmotion.formats.text_meshes import lines_of
-from modalmotion.formats.volumes import read_images
-from modalmotion.formats.volumes.reading import holds_images
+from modalmotion.formats.volumes import reading
 from modalmotion.images import ImageSequence
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh import UNKNOWN
 from modalmotion.notes import Note
 from modalmotion.progress import Reporter, reported
-from modalmotion.representation import Floats, shown
+from modalmotion.representation import Array, Floats, shown
 from modalmotion.tracking.label_values import whole_labels
 from modalmotion.tracking.landmarks import (
     LANDMARK_SUFFIXES,
@@ -157,10 +143,10 @@ def read_observed(
             return read_observed(
                 source, labels=labels, coordinates=coordinates, progress=progress, parser=own
             )
-    if holds_images(source):
+    if reading.holds_images(source):
         # Before much is read.
         whole_labels(labels)
-        return recorded_images(read_images(source, parser=parser, progress=progress))
+        return recorded_images(volumes.read_images(source, parser=parser, progress=progress))
     if isinstance(source, Path) and source.is_dir():
         files = {path.name: path.read_bytes for path in source.iterdir() if path.is_file()}
         return _of_files(files, labels, coordinates, parser, progress)
@@ -170,15 +156,15 @@ def read_observed(
         raise MalformedFileError(
             f"'{Path(str(source)).name}' cannot be read: {error.strerror}.", remedy=_REMEDY
         ) from error
-    kind = detect_format(data) if data else None
-    if kind is Format.ZIP:
-        with opened(data, parser) as archive:
+    kind = detect.detect_format(data) if data else None
+    if kind is detect.Format.ZIP:
+        with frame_files.opened(data, parser) as archive:
             return _of_files(archive.files, labels, coordinates, archive, progress)
-    if kind is Format.NPZ:
+    if kind is detect.Format.NPZ:
         return _of_npz(data, parser.limits)
-    if kind is Format.HDF5:
+    if kind is detect.Format.HDF5:
         return _of_vtkhdf(data, parser)
-    if kind in MESH_FORMATS:
+    if kind in detect.MESH_FORMATS:
         observed, _, states = _of_mesh(data, parser)
         unit, system = states.get("unit"), states.get(_SYSTEM)
         return Recorded((observed,), {}, unit=unit, coordinates=system)
@@ -188,7 +174,7 @@ def read_observed(
         parser.limits.require("vertices", max(map(len, clouds)))
         return Recorded(_clouds(clouds), {}, times)
     if kind is None:
-        message = unknown_format(data).message if data else "The file is empty."
+        message = detect.unknown_format(data).message if data else "The file is empty."
         raise MalformedFileError(message, remedy=_REMEDY)
     raise MalformedFileError(
         f"The file is {kind.upper()}, which contains a sequence of one mesh.",
@@ -213,7 +199,7 @@ def _of_files(
     parser: Parser,
     progress: Reporter | None,
 ) -> Recorded:
-    visible = [name for name in files if not is_hidden(name)]
+    visible = [name for name in files if not frame_files.is_hidden(name)]
     names, times, notes = _listed(visible, files, parser.limits)
     parser.limits.require("frames", len(names))
     frames: list[_FrameFile] = []
@@ -234,7 +220,7 @@ def _of_files(
     if times is None and all("time" in frame.states for frame in frames):
         times = tuple(float(frame.states["time"]) for frame in frames)
     marked = [name for name in visible if name.lower().endswith(LANDMARK_SUFFIXES)]
-    for name in sorted(marked, key=natural_key):
+    for name in sorted(marked, key=frame_files.natural_key):
         with in_frame(None, name):
             file = read_landmark_file(files[name]())
             places = file.for_points(system or coordinates, unit)
@@ -258,18 +244,20 @@ def _listed(
     visible: list[str], files: Mapping[str, Callable[[], bytes]], limits: ReadLimits
 ) -> tuple[tuple[str, ...], tuple[float, ...] | None, tuple[Note, ...]]:
     """Choose the frames among files, in the order of time; with times and notes."""
-    if any(name.lower().endswith(SERIES_SUFFIXES) for name in visible):
-        listing = list_frames(visible, lambda name: files[name](), limits)
+    if any(name.lower().endswith(frame_files.SERIES_SUFFIXES) for name in visible):
+        listing = frame_files.list_frames(visible, lambda name: files[name](), limits)
         return listing.names, listing.times, listing.notes
-    kinds = (*FRAME_SUFFIXES, *CLOUD_SUFFIXES)
-    names = sorted((name for name in visible if name.lower().endswith(kinds)), key=natural_key)
+    kinds = (*frame_files.FRAME_SUFFIXES, *CLOUD_SUFFIXES)
+    names = sorted(
+        (name for name in visible if name.lower().endswith(kinds)), key=frame_files.natural_key
+    )
     names = [n for n in names if Path(n).name.startswith(_GUIDE_POINTS)] or names
     if not names:
         raise MalformedFileError(
             f"None of {len(files)} files is a frame.",
             remedy=f"Give one file per frame, ending with {', '.join(kinds)}.",
         )
-    return tuple(names), None, notes_on_numbers(tuple(names))
+    return tuple(names), None, frame_files.notes_on_numbers(tuple(names))
 
 
 def _frame_of(name: str, frames: Sequence[str]) -> int | None:
@@ -403,21 +391,21 @@ def _farthest(points: Floats) -> Floats:
 def _of_npz(data: bytes, limits: ReadLimits) -> Recorded:
     names = ("points", "offsets", "times", "unit", "coordinates", "landmarks", *NAMED_PLACES)
     try:
-        arrays, _ = read_arrays(data, names, names[:1], limits.of_file(len(data)))
+        arrays, _ = npz.read_arrays(data, names, names[:1], limits.of_file(len(data)))
     except (MalformedFileError, ShapeError) as error:
         error.remedy = f"{_NPZ_REMEDY} {NOTHING_TO_TRACK}"
         if "'vertices'" in str(error.details.get("arrays")):
             error.remedy = NOTHING_TO_TRACK
         raise
-    landmarks = landmarks_from_json(text_in(arrays, "landmarks") or "{}")
+    landmarks = landmarks_from_json(npz.text_in(arrays, "landmarks") or "{}")
     own = {name: arrays[name].astype(np.float64) for name in NAMED_PLACES if name in arrays}
-    unit, coordinates = text_in(arrays, "unit"), text_in(arrays, "coordinates")
+    unit, coordinates = npz.text_in(arrays, "unit"), npz.text_in(arrays, "coordinates")
     times = arrays.get("times")
     frames = _clouds(_clouds_in(arrays, limits))
     return Recorded(frames, landmarks | own, times, unit, coordinates=coordinates)
 
 
-def _clouds_in(arrays: Mapping[str, NDArray[Any]], limits: ReadLimits) -> list[NDArray[Any]]:
+def _clouds_in(arrays: Mapping[str, Array], limits: ReadLimits) -> list[Array]:
     """Take the points of each frame out of the arrays of an npz."""
     points, offsets = arrays["points"], arrays.get("offsets")
     if offsets is None:
@@ -449,7 +437,7 @@ def _of_vtkhdf(data: bytes, parser: Parser) -> Recorded:
     return Recorded(frames, {}, answer.arrays.get("times"), answer.info["unit"])
 
 
-def _clouds(clouds: Sequence[NDArray[Any]]) -> tuple[tuple[Observation], ...]:
+def _clouds(clouds: Sequence[Array]) -> tuple[tuple[Observation], ...]:
     """Frames of points; what is wrong with one names it."""
     frames = []
     for k, points in enumerate(clouds):

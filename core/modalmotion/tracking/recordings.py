@@ -1,7 +1,5 @@
 """Tracks of recordings: of files, of what is in memory, and of one image."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -9,32 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from modalmotion.errors import ConnectivityError, InputError, ParameterError, ShapeError
-from modalmotion.formats import ReadOptions, read_sequence
+from modalmotion import errors, formats, mesh
 from modalmotion.formats.frame import TRACK
 from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Parser, Reading
-from modalmotion.images import ImageSequence
-from modalmotion.images.volume import Images, images_in
-from modalmotion.mesh import NO_FACTS, UNKNOWN, Facts, facts_patched
+from modalmotion.images import ImageSequence, volume
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Reporter
-from modalmotion.tracking.hdf5 import kept_track
-from modalmotion.tracking.label_maps import from_labels, notes_on_landmarks
-from modalmotion.tracking.label_values import is_label_map, whole_labels
+from modalmotion.tracking import hdf5, label_maps, label_values, making, observation
 from modalmotion.tracking.landmarks import Proposed, landmarks_of, places_of
-from modalmotion.tracking.making import Start, motion_in
-from modalmotion.tracking.observation import of_surface
 from modalmotion.tracking.parameters import TrackParameters, require_surface_tracking
 from modalmotion.tracking.reading import Recorded, read_observed, recorded_images
 from modalmotion.tracking.result import Track
 
 
 def track(
-    observed: MeshSequence | Images | Recorded | Sequence[Any] | Path,
+    observed: MeshSequence | volume.Images | Recorded | Sequence[Any] | Path,
     *,
-    start: Start | None = None,
-    facts: Facts = NO_FACTS,
+    start: making.Start | None = None,
+    facts: mesh.Facts = mesh.NO_FACTS,
     progress: Reporter | None = None,
     **options: Any,
 ) -> Track:
@@ -76,7 +67,7 @@ def track(
     """
     names = [one.name for one in fields(TrackParameters)]
     if unknown := [name for name in options if name not in names]:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"track() has no option {unknown[0]!r}.",
             remedy=f"Its options are {', '.join(names)}.",
         )
@@ -84,19 +75,19 @@ def track(
     require_surface_tracking(facts)
     if isinstance(observed, MeshSequence):
         facts = replace(facts, period=facts.period or observed.facts.period)
-        surfaces = tuple(of_surface(x, observed.faces) for x in observed.vertices)
+        surfaces = tuple(observation.of_surface(x, observed.faces) for x in observed.vertices)
         observed = Recorded(surfaces, {}, observed.times, observed.unit)
     elif isinstance(observed, Path):
         observed = read_observed(observed, labels=parameters.labels, coordinates=facts.coordinates)
     elif not isinstance(observed, Recorded):
-        images = images_in(observed)
+        images = volume.images_in(observed)
         observed = Recorded(tuple(observed), {}) if images is None else recorded_images(images)  # type: ignore[arg-type]
     recorded, proposed = _labelled(observed, parameters)
     times: Any = recorded.times if parameters.times is None else parameters.times
     if isinstance(times, float | int):
         times = times * np.arange(recorded.n_frames, dtype=np.float64)
     if recorded.images is not None and parameters.unit not in (None, "mm"):
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The unit {parameters.unit!r:.20} is stated, but images are placed in mm.",
             remedy="Omit the unit, and give landmarks in mm.",
         )
@@ -106,10 +97,10 @@ def track(
         times=times,
         unit=parameters.unit or recorded.unit,
     )
-    result = motion_in(recorded, stated, start=start, period=facts.period, progress=progress)
+    result = making.motion_in(recorded, stated, start=start, period=facts.period, progress=progress)
     facts = result.sequence.facts.over(facts)
-    if recorded.coordinates is not None and facts.coordinates == UNKNOWN:
-        facts = facts_patched(facts, {"coordinates": recorded.coordinates})
+    if recorded.coordinates is not None and facts.coordinates == mesh.UNKNOWN:
+        facts = mesh.facts_patched(facts, {"coordinates": recorded.coordinates})
     # Notes of images are the track's own already.
     notes = tuple(dict.fromkeys((*recorded.notes, *result.notes)))
     return replace(result, sequence=result.sequence.with_facts(facts), notes=notes)
@@ -122,23 +113,23 @@ def _labelled(
     images, labels = recorded.images, parameters.labels
     if images is None:
         if labels and not recorded.are_typed:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "A label is named, but the recording is no label map and has no typed contours.",
                 remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
             )
         return recorded, {}
-    values = whole_labels(labels)
-    if not values and (labels or not is_label_map(images)):
+    values = label_values.whole_labels(labels)
+    if not values and (labels or not label_values.is_label_map(images)):
         return recorded, {}
-    made = from_labels(images, values)
+    made = label_maps.from_labels(images, values)
     stated = {**recorded.landmarks, **(parameters.landmarks or {})}
-    outside = notes_on_landmarks(images, stated, parameters.reference or 0)
+    outside = label_maps.notes_on_landmarks(images, stated, parameters.reference or 0)
     notes = (*made.images.notes, *outside)
     return replace(recorded, images=made.images, notes=notes), made.landmarks
 
 
 def sequence_of(
-    source: Path, options: ReadOptions | None = None, *, parser: Parser | None = None
+    source: Path, options: formats.ReadOptions | None = None, *, parser: Parser | None = None
 ) -> MeshSequence:
     """Read a recording as a sequence; what holds no one mesh is tracked.
 
@@ -160,18 +151,18 @@ def sequence_of(
     InputError
         If it can neither be read nor tracked.
     """
-    options = ReadOptions() if options is None else options
+    options = formats.ReadOptions() if options is None else options
     if parser is None:
         with ParserProcess(options.limits) as own:
             return sequence_of(source, options, parser=own)
     try:
-        sequence = read_sequence(source, options, parser=parser).sequence
-        kept = kept_track(source)
+        sequence = formats.read_sequence(source, options, parser=parser).sequence
+        kept = hdf5.kept_track(source)
         return sequence if kept is None else options.apply(Reading(kept.sequence)).sequence
-    except InputError as error:
+    except errors.InputError as error:
         if TRACK not in error.remedy:
             raise
-        is_mesh = isinstance(error, ShapeError | ConnectivityError)
+        is_mesh = isinstance(error, errors.ShapeError | errors.ConnectivityError)
         if is_mesh and options.facts.tracking != "normal_displacement":
             error.remedy += (
                 " In a table of files state tracking normal_displacement in its row to track it."
@@ -188,11 +179,11 @@ def sequence_of(
 
 
 def segment(
-    images: Images,
+    images: volume.Images,
     *,
     landmarks: Mapping[str, Any] | None = None,
     frame: int = 0,
-    start: Start | None = None,
+    start: making.Start | None = None,
     progress: Reporter | None = None,
     **options: Any,
 ) -> Track:
@@ -220,14 +211,14 @@ def segment(
     InputError
         As `track` does, or if there is no such frame.
     """
-    sequence = images_in(images)
+    sequence = volume.images_in(images)
     if sequence is None:
-        raise ShapeError(
+        raise errors.ShapeError(
             f"A {type(images).__name__} is no image.",
             remedy="Give a Volume, a PlaneSet or an ImageSequence.",
         )
     if not 0 <= frame < sequence.n_frames or sequence.frames[frame] is None:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"There is no image in frame {frame}: there are {sequence.n_frames} frames.",
             remedy="Name a frame that has one, counted from 0.",
             frame=frame,

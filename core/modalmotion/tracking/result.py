@@ -1,7 +1,5 @@
 """Tracks: what was found of a surface's motion, and how well."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,11 +9,9 @@ import numpy as np
 
 from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import TopologyError
-from modalmotion.mesh.checks import difference_deviation
-from modalmotion.mesh.geometry import Cavity, cavity_of, vertex_normals
+from modalmotion.mesh import checks, geometry
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes import ModeSet
-from modalmotion.modes.topology import PLANE
+from modalmotion.modes import ModeSet, topologies
 from modalmotion.notes import Note
 from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
 from modalmotion.template import Template
@@ -239,7 +235,7 @@ class Track(FrozenArrays, Recorded):
         """Number of frames."""
         return len(self.amplitudes)
 
-    def informed(self) -> Track:
+    def informed(self) -> "Track":
         """Return the track whose sequence carries what is known of it: errors, muscle, notes."""
         known = self.sequence.uncertainty
         if known is None:
@@ -348,24 +344,24 @@ class Track(FrozenArrays, Recorded):
         ed, es = int(v.argmax()), int(v.argmin())
         start = (1.0 - fraction / 100.0) * float(sd[ed])
         correlation = self.volume_correlation
-        return 200.0 * difference_deviation(float(sd[es]), start, correlation) / float(v[ed])
+        return 200.0 * checks.difference_deviation(float(sd[es]), start, correlation) / float(v[ed])
 
 
 def normals_of(template: Template, x: Floats) -> Floats:
     """Take unit normals of a surface, (vertices, 3); of a curve directions from its middle."""
     if len(template.faces):
-        return vertex_normals(x, template.faces)
+        return geometry.vertex_normals(x, template.faces)
     tangents = np.gradient(x, axis=0)
     t = unit_vectors(tangents)
     r = x - x.mean(axis=0)
     return unit_vectors(r - (r * t).sum(axis=1, keepdims=True) * t)
 
 
-def cavity_in(template: Template) -> Cavity | None:
+def cavity_in(template: Template) -> geometry.Cavity | None:
     """Cavity of a surface; None of a curve and of what encloses nothing."""
-    if template.topology.n_axes != 2 or template.topology == PLANE:
+    if template.topology.n_axes != 2 or template.topology == topologies.PLANE:
         return None
     try:
-        return cavity_of(template.faces, template.n_vertices)
+        return geometry.cavity_of(template.faces, template.n_vertices)
     except TopologyError:
         return None

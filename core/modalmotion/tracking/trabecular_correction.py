@@ -6,8 +6,6 @@ leaves them, they look like the wall, and an edge is found on their inner side. 
 muscle in the reference, over the area that is left, and is not seen now, is beyond that edge.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -15,11 +13,9 @@ from typing import Final
 import numpy as np
 
 from modalmotion.images.volume import Image
-from modalmotion.mesh import Cavity, face_areas
-from modalmotion.mesh.geometry import vertex_normals
+from modalmotion.mesh import Cavity, face_areas, geometry, triangles
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.triangles import vertex_areas
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable
@@ -161,7 +157,7 @@ def spread_over(surface: Deformable, x: Floats, muscle: Floats, volume: float) -
     faces = surface.template.faces
     cavity = Cavity(faces)
     own = float(cavity.volume(x))
-    normals = np.sign(own) * vertex_normals(x, faces)
+    normals = np.sign(own) * geometry.vertex_normals(x, faces)
     depth = np.maximum(muscle, 0.0)
     if volume <= 0 or not depth.any():
         return np.zeros(len(x))
@@ -202,7 +198,7 @@ def with_trabeculae(
     template = surface.template
     heights = [_height(x, template.faces) for x in shapes]
     muscle = muscle_within(first, imagings[reference], surface, heights[reference], in_layers=True)
-    areas = [vertex_areas(x, template.faces) for x in shapes]
+    areas = [triangles.vertex_areas(x, template.faces) for x in shapes]
     whole = float(muscle @ areas[reference])
     moved: list[View | None] = []
     for k, view in enumerate(views):

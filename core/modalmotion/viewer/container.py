@@ -10,19 +10,15 @@
 A browser reads an array in place, without a copy: hence the alignment.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ParameterError
-from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.images.volume import parts_of
-from modalmotion.representation import Floats
+from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume, volume
+from modalmotion.representation import Array, Bytes, Floats
 from modalmotion.tracking.result import Track
 
 MAGIC: Final = b"MMVIEW1\n"
@@ -31,7 +27,7 @@ _LENGTH: Final = 4
 _TYPES: Final = ("<f8", "<f4", "<f2", "<u4", "<u2", "|u1")
 
 
-def write_container(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
+def write_container(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     """Write a header and arrays.
 
     Parameters
@@ -57,7 +53,7 @@ def write_container(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]
     return b"".join([MAGIC, len(text).to_bytes(_LENGTH, "little"), text, *pieces])
 
 
-def read_container(data: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def read_container(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     """Read a header and its arrays, as the viewer does.
 
     Raises
@@ -132,7 +128,7 @@ def slices_payload(images: ImageSequence, frame: int = 0, track: Track | None = 
             f"The track has {track.n_frames} frames, and the images have {sliced.n_frames}.",
             remedy="Name a track that was made of these images.",
         )
-    parts = parts_of(image)
+    parts = volume.parts_of(image)
     shifts = () if track is None or track.images is None else track.images.shifts
     if len(shifts) != len(parts):
         shifts = ((0.0, 0.0, 0.0),) * len(parts)
@@ -158,7 +154,7 @@ def slices_payload(images: ImageSequence, frame: int = 0, track: Track | None = 
         ],
     }
     pixels = [_shades(values, low, high).ravel(order="F") for values, _ in coarse]
-    arrays: dict[str, NDArray[Any]] = {"pixels": np.concatenate(pixels)}
+    arrays: dict[str, Array] = {"pixels": np.concatenate(pixels)}
     if track is not None:
         arrays["vertices"] = track.sequence.vertices[frame].astype(np.float32)
         arrays["faces"] = track.template.faces.astype(np.uint32)
@@ -183,7 +179,7 @@ def _window(parts: tuple[Volume | Plane, ...]) -> tuple[float, float]:
     return (low, high) if high > low else (low, low + 1.0)
 
 
-def _thinned(part: Volume | Plane) -> tuple[NDArray[Any], Floats]:
+def _thinned(part: Volume | Plane) -> tuple[Array, Floats]:
     """Leave out pixels of large parts; gives samples and the affine of those that are left."""
     values = part.values
     if isinstance(part, Plane):
@@ -198,7 +194,7 @@ def _thinned(part: Volume | Plane) -> tuple[NDArray[Any], Floats]:
     return values[tuple(slice(None, None, step) for step in steps)], affine
 
 
-def _shades(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
+def _shades(values: Array, low: float, high: float) -> Bytes:
     """Turn samples to 1 (black) to 255 (white); 0 where nothing is known."""
     share = (np.asarray(values, dtype=np.float32) - np.float32(low)) / np.float32(high - low)
     shades = 1.0 + 254.0 * np.clip(share, 0.0, 1.0)

@@ -1,7 +1,5 @@
 """A view as one HTML file that opens from disk and loads nothing, and as a widget in a notebook."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib
@@ -15,12 +13,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.classification.answer import Classification
 from modalmotion.errors import LimitError, ParameterError, needs_extra
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.representation import Floats, with_interval
+from modalmotion.representation import Array, Bytes, Floats, with_interval
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.template import Template
 from modalmotion.tracking.result import SampledData, Track
@@ -91,7 +88,7 @@ def _words(figure: Mapping[str, Any]) -> tuple[str, str]:
     return with_interval(figure["value"], figure["low"], figure["high"])
 
 
-def _picture(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> str:
+def _picture(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
     """Draw the reference surface from the side that the viewer shows first, as a PNG."""
     points, shades = _sampled(arrays["rest"].astype(np.float64), arrays["faces"])
     turned = points @ np.array(header["view"])
@@ -113,7 +110,7 @@ def _picture(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> s
     return f'<img alt="The surface at rest" decoding="sync" src="data:image/png;base64,{text}">'
 
 
-def _sampled(vertices: Floats, faces: NDArray[Any]) -> tuple[Floats, Floats]:
+def _sampled(vertices: Floats, faces: Array) -> tuple[Floats, Floats]:
     """Points evenly on a surface with the unit normals there; its vertices if it has no area."""
     corners = vertices[faces.astype(np.intp)].reshape(-1, 3, 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -129,7 +126,7 @@ def _sampled(vertices: Floats, faces: NDArray[Any]) -> tuple[Floats, Floats]:
     return points, normals[drawn] / areas[drawn, None]
 
 
-def _png(pixels: NDArray[np.uint8]) -> bytes:
+def _png(pixels: Bytes) -> bytes:
     """Write shades with opacity (rows, columns, 2)."""
     n_rows, n_columns, _ = pixels.shape
     rows = np.concatenate([np.zeros((n_rows, 1), np.uint8), pixels.reshape(n_rows, -1)], axis=1)
@@ -218,7 +215,7 @@ def data_payload(data: SampledData) -> bytes:
     away = data.points - origin
     length = single_scale(float(np.abs(away).max(initial=0.0)))
     header = {"origin": origin.tolist(), "length": length, "counts": data.counts.tolist()}
-    arrays: dict[str, NDArray[Any]] = {
+    arrays: dict[str, Array] = {
         "points": (away / length).astype(np.float32),
         "weights": np.rint(255.0 * np.clip(data.weights, 0.0, 1.0)).astype(np.uint8),
         "landmarks": data.are_landmarks.astype(np.uint8),

@@ -4,43 +4,28 @@ Shapes in closed form are not sent: the page evaluates them once at (s, theta). 
 from the reference's centroid, since single precision loses digits far from the origin.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from modalmotion import clinical, errors, notes
 from modalmotion.classification.answer import Classification
-from modalmotion.clinical import clinical_readouts
+from modalmotion.clinical import segments, volume_curve
 from modalmotion.clinical.readouts import ClinicalReadouts, Rates
-from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS, DYSSYNCHRONY, Strain
 from modalmotion.clinical.ventricle import Sensitivities, ventricle_readouts
-from modalmotion.clinical.volume_curve import TWO_DEVIATIONS, Fraction
-from modalmotion.errors import InputError, LimitError
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.mesh.alignment import reference_positions
+from modalmotion.mesh import alignment, spring_modes
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.mesh.spring_modes import wave_pairs
-from modalmotion.modes.topology import CUP, CYLINDER, SPHERE
-from modalmotion.notes import notes_as_json
+from modalmotion.modes.topologies import CUP, CYLINDER, SPHERE
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.pictures.view import upright
+from modalmotion.pictures.views import upright
 from modalmotion.representation import Floats
+from modalmotion.signature import mode_names, reconstruction, superposition
 from modalmotion.signature.making import ModalSignature, SignatureKind
-from modalmotion.signature.mode_names import (
-    COLOURS,
-    direction_names,
-    mode_dash,
-    mode_tone,
-    plain_name,
-)
-from modalmotion.signature.reconstruction import fitted_on
-from modalmotion.signature.superposition import normal_reference
-from modalmotion.template import Template
-from modalmotion.template.body_frame import Components, local_frames
+from modalmotion.template import Template, body_frame
 from modalmotion.template.template import nearest_in_use, shapes_of
 from modalmotion.viewer.container import write_container
 
@@ -102,8 +87,8 @@ def view_payload(
     used, start, centre, directions = _placed(signature, sequence, template)
     along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
     arrays: dict[str, NDArray[Any]] = {}
-    if not along_normal and signature.parameters.components != Components.CARTESIAN:
-        directions = local_frames(used)
+    if not along_normal and signature.parameters.components != body_frame.Components.CARTESIAN:
+        directions = body_frame.local_frames(used)
     scale = length_scale(sequence, centre)
     arrays["rest"] = _single((start - centre) / scale)
     arrays["faces"] = used.faces.astype(np.uint16 if used.n_vertices <= 2**16 else np.uint32)
@@ -149,7 +134,7 @@ def view_payload(
         "compression": signature.compression,
         "view": np.round(upright(used), 6).tolist(),
         "waves": _waves(signature, used),
-        "notes": notes_as_json(signature.notes),
+        "notes": notes.notes_as_json(signature.notes),
         **_volume(signature, sequence, template, arrays),
         **_classification(classification),
     }
@@ -194,11 +179,11 @@ def _placed(
     signature: ModalSignature, sequence: MeshSequence, template: Template | None
 ) -> tuple[Template, Floats, Floats, Floats | None]:
     """Give the template, the surface at rest, its centroid, and the normals, if they are used."""
-    used = fitted_on(signature, sequence, template)
-    start = reference_positions(sequence, signature.parameters.reference)
+    used = reconstruction.fitted_on(signature, sequence, template)
+    start = alignment.reference_positions(sequence, signature.parameters.reference)
     if signature.kind != SignatureKind.NORMAL_DISPLACEMENT:
         return used, start, used.weights @ start, None
-    directions, centre = normal_reference(used, start)
+    directions, centre = superposition.normal_reference(used, start)
     return used, start, centre, directions
 
 
@@ -229,7 +214,7 @@ def _unit(unit: str | None, scale: float) -> str:
 def _mesh_shapes(signature: ModalSignature, template: Template) -> NDArray[np.float16]:
     n = len(signature.modes) * template.n_vertices
     if n > MOST_SHAPES:
-        raise LimitError(
+        raise errors.LimitError(
             f"{len(signature.modes)} shapes of {template.n_vertices} vertices are {n} numbers; a "
             f"page is sent at most {MOST_SHAPES}.",
             remedy="Ask for fewer modes, or state a topology: closed forms need not be sent.",
@@ -251,8 +236,8 @@ def _waves(signature: ModalSignature, template: Template) -> list[dict[str, Any]
                 "modes": modes,
                 "label": f"({numbers})" if len(modes) == 2 else str(label),
                 "name": wave_name(signature, template, modes),
-                "tone": mode_tone(label) % len(COLOURS),
-                "dash": list(mode_dash(label)),
+                "tone": mode_names.mode_tone(label) % len(mode_names.COLOURS),
+                "dash": list(mode_names.mode_dash(label)),
                 "rms": float(f"{np.hypot.reduce(spectrum[modes]):.4g}"),
             }
         )
@@ -261,7 +246,7 @@ def _waves(signature: ModalSignature, template: Template) -> list[dict[str, Any]
 
 def _modes_of_waves(signature: ModalSignature) -> list[list[int]]:
     """Places of the modes of each wave."""
-    pairs = zip(*map(np.ndarray.tolist, wave_pairs(signature.modes)), strict=True)
+    pairs = zip(*map(np.ndarray.tolist, spring_modes.wave_pairs(signature.modes)), strict=True)
     waves = [[cosine] if sine < 0 else [cosine, sine] for cosine, sine in pairs]
     seen = {mode for modes in waves for mode in modes}
     return waves + [[mode] for mode in range(len(signature.modes)) if mode not in seen]
@@ -287,8 +272,8 @@ def _volume(
     """Volume, strain and segments, or why there are none."""
     words: dict[str, Any] = {"rates": [], "reasons": [], "effects": None}
     try:
-        readouts = clinical_readouts(signature, sequence, template=template)
-    except InputError as error:
+        readouts = clinical.clinical_readouts(signature, sequence, template=template)
+    except errors.InputError as error:
         refused = {"refused": error.message}
         return {**words, **dict.fromkeys(("volume", "strain", "segments"), refused)}
     ventricle = ventricle_readouts(signature, sequence, readouts, template=template)
@@ -302,7 +287,7 @@ def _volume(
         "effects": None if per_mode is None else _effect_words(per_mode, names, signature),
         "rates": [] if rates is None else _rate_words(rates, readouts, sequence),
         "strain": refused if strain is None else _strain_words(strain, sequence, arrays),
-        "reasons": notes_as_json(ventricle.reasons),
+        "reasons": notes.notes_as_json(ventricle.reasons),
         "segments": refused if regions is None else _segment_words(regions, strain, readouts),
     }
 
@@ -311,7 +296,7 @@ def _effect_words(
     per_mode: Sensitivities, names: list[str], signature: ModalSignature
 ) -> dict[str, Any]:
     """Effect of a unit of each wave on each read-out, in the direction in which it is largest."""
-    directions, of_waves = direction_names(signature), []
+    directions, of_waves = mode_names.direction_names(signature), []
     least = _NO_EFFECT * np.abs(per_mode.values).max(axis=(1, 2))
     for modes in _modes_of_waves(signature):
         # In the order of `directions`, those of the cosine first.
@@ -334,7 +319,7 @@ def _strain_words(
 ) -> dict[str, Any]:
     n = len(DEFINITIONS)
     arrays["strain"] = _single(strain.curves[:, :n])
-    arrays["strain_reach"] = _single(TWO_DEVIATIONS * strain.deviations[:, :n])
+    arrays["strain_reach"] = _single(volume_curve.TWO_DEVIATIONS * strain.deviations[:, :n])
     arrays["segment_strain"] = _single(np.nan_to_num(strain.by_segment[:, :, 0], nan=_UNKNOWN))
     figures = [
         {
@@ -357,7 +342,7 @@ def _strain_words(
         "layer": strain.layer,
         "source": strain.source,
         "segments": list(strain.segments),
-        "notes": notes_as_json(strain.notes),
+        "notes": notes.notes_as_json(strain.notes),
     }
 
 
@@ -377,7 +362,7 @@ def _volume_words(readouts: ClinicalReadouts, arrays: dict[str, NDArray[Any]]) -
     arrays["volumes"] = curve.volumes * factor
     arrays["volume_reach"] = curve.reach * factor
     arrays["other_volumes"] = other.volumes * factor
-    is_ejected = curve.fraction == Fraction.EJECTION_FRACTION
+    is_ejected = curve.fraction == volume_curve.Fraction.EJECTION_FRACTION
     moments = ("end diastole", "end systole") if is_ejected else ("largest", "smallest")
     names = ("EDV", "ESV", "SV") if is_ejected else ("Largest", "Smallest", "Difference")
     largest, smallest = (
@@ -404,7 +389,7 @@ def _volume_words(readouts: ClinicalReadouts, arrays: dict[str, NDArray[Any]]) -
                 names, (largest, smallest, difference), values, strict=True
             )
         ],
-        "notes": notes_as_json(readouts.notes),
+        "notes": notes.notes_as_json(readouts.notes),
     }
     if curve.fraction is not None and curve.share is not None and curve.share_range is not None:
         definition = "difference of volumes over the largest"
@@ -443,7 +428,7 @@ def _rate_words(
 
 
 def _segment_words(
-    regions: RegionalMotion, strain: Strain | None, readouts: ClinicalReadouts
+    regions: segments.RegionalMotion, strain: Strain | None, readouts: ClinicalReadouts
 ) -> dict[str, Any]:
     end = readouts.mesh_curve.end_systole
     inward = "inward motion over the radius at end diastole"
@@ -472,7 +457,7 @@ def _known(values: Floats, deviations: Floats | None = None) -> dict[str, Any]:
     def plain(numbers: Floats) -> list[float | None]:
         return [float(f"{x:.4g}") if np.isfinite(x) else None for x in numbers.tolist()]
 
-    reach = None if deviations is None else plain(TWO_DEVIATIONS * deviations)
+    reach = None if deviations is None else plain(volume_curve.TWO_DEVIATIONS * deviations)
     return {"values": plain(values), "reach": reach}
 
 
@@ -489,7 +474,7 @@ def _classification(answer: Classification | None) -> dict[str, Any]:
         "classification": {
             **{name: getattr(answer, name) for name in plain},
             **{name: list(getattr(answer, name)) for name in ("class_set", "flags")},
-            "notes": notes_as_json(answer.notes),
+            "notes": notes.notes_as_json(answer.notes),
             "explanation": parts,
         }
     }
@@ -514,12 +499,14 @@ def wave_name(signature: ModalSignature, template: Template, modes: list[int]) -
     label = signature.modes.labels[modes[0]]
     along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
     components = signature.parameters.components
-    all_of_it = plain_name(signature.topology, label, components, along_normal=along_normal)
+    all_of_it = mode_names.plain_name(
+        signature.topology, label, components, along_normal=along_normal
+    )
     if along_normal or signature.topology not in (CUP, CYLINDER, SPHERE):
         return all_of_it
     r, around = label.wavenumbers
     a = signature.amplitudes[:, modes] - signature.amplitudes[:, modes].mean(axis=0)
-    if components != Components.CARTESIAN:
+    if components != body_frame.Components.CARTESIAN:
         if around:
             return all_of_it
         names = ("radial contraction", "twist", "longitudinal shortening")

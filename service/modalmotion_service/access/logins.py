@@ -14,8 +14,7 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from modalmotion.errors import ParameterError, needs_extra
-from modalmotion_service.access.rates import is_loopback
-from modalmotion_service.access.scopes import Principal, Scope
+from modalmotion_service.access import rates, scopes
 from modalmotion_service.errors import AuthenticationError, ProviderError
 from modalmotion_service.settings import Settings
 
@@ -160,7 +159,7 @@ def _require_safe(address: str) -> None:
     host = parts.hostname or ""
     if parts.scheme == "https" and host:
         return
-    if parts.scheme == "http" and is_loopback(host):
+    if parts.scheme == "http" and rates.is_loopback(host):
         return
     raise ParameterError(
         f"{address[:200]!r} is no address of an identity provider.",
@@ -230,7 +229,7 @@ class Logins:
         roles = settings.oidc_roles.items()
         self._roles = {role: _scopes_of(role, words) for role, words in roles}
 
-    async def principal(self, token: str) -> Principal:
+    async def principal(self, token: str) -> scopes.Principal:
         """Check a token.
 
         Raises
@@ -274,7 +273,7 @@ class Logins:
             raise _refused(_FAULTS.get(type(error).__name__, "is not valid")) from None
         return claims
 
-    def _principal(self, claims: Mapping[str, Any]) -> Principal:
+    def _principal(self, claims: Mapping[str, Any]) -> scopes.Principal:
         claim, of_name = self._settings.oidc_owner_claim, self._settings.oidc_name_claim
         who = claims.get(claim)
         if not isinstance(who, str) or not who:
@@ -285,9 +284,9 @@ class Logins:
         name = claims.get(of_name) if of_name else None
         if isinstance(name, str) and _NAME.fullmatch(name):
             key_id = f"{key_id}:{name}"
-        return Principal(owner, key_id, self._scopes(claims))
+        return scopes.Principal(owner, key_id, self._scopes(claims))
 
-    def _scopes(self, claims: Mapping[str, Any]) -> frozenset[Scope]:
+    def _scopes(self, claims: Mapping[str, Any]) -> frozenset[scopes.Scope]:
         # RFC 8693 has one text of words in `scope`; others a list, or call it `scp`. Roles and
         # groups are lists of RFC 9068; Keycloak has its roles in `realm_access`.
         stated = [word for name in ("scope", "scp") for word in _words(claims.get(name))]
@@ -296,8 +295,8 @@ class Logins:
         held += _words(realm.get("roles")) if isinstance(realm, Mapping) else []
         prefix = self._settings.oidc_scope_prefix
         named = {word.removeprefix(prefix) for word in stated + held if word.startswith(prefix)}
-        by_role = frozenset[Scope]().union(*(self._roles.get(word, ()) for word in held))
-        return by_role | {scope for scope in Scope if str(scope) in named}
+        by_role = frozenset[scopes.Scope]().union(*(self._roles.get(word, ()) for word in held))
+        return by_role | {scope for scope in scopes.Scope if str(scope) in named}
 
 
 def logins_of(settings: Settings) -> Logins | None:
@@ -331,13 +330,13 @@ def _words(value: object) -> list[str]:
     return [word for word in words if isinstance(word, str)] if isinstance(words, list) else []
 
 
-def _scopes_of(role: str, words: str) -> frozenset[Scope]:
+def _scopes_of(role: str, words: str) -> frozenset[scopes.Scope]:
     try:
-        return frozenset(Scope(word.strip()) for word in words.split(","))
+        return frozenset(scopes.Scope(word.strip()) for word in words.split(","))
     except ValueError:
         raise ParameterError(
             f"MODALMOTION_OIDC_ROLES gives the role {role[:80]!r} the scopes {words[:80]!r}.",
-            remedy=f"Scopes are {', '.join(Scope)}, separated by commas.",
+            remedy=f"Scopes are {', '.join(scopes.Scope)}, separated by commas.",
         ) from None
 
 

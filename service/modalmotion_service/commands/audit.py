@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from modalmotion.cli.options import example
+from modalmotion.cli.shared import example
 from modalmotion_service.access.audit import AUDIT, AuditEntry, AuditLog
 from modalmotion_service.commands.options import DATA_DIR, folder_with
 

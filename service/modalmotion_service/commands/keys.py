@@ -8,7 +8,7 @@ from typing import Final
 
 import click
 
-from modalmotion.cli.options import aligned, example, json_option, tell
+from modalmotion.cli.shared import aligned, example, json_option, tell
 from modalmotion_service.access.audit import AuditLog, note_key, take_back_key
 from modalmotion_service.access.keys import KEYS, Key, KeyRing
 from modalmotion_service.access.scopes import Scope

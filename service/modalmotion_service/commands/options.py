@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from modalmotion.cli.options import aligned
+from modalmotion.cli.shared import aligned
 
 DATA_DIR = click.option(
     "--data-dir",

@@ -7,14 +7,13 @@ from typing import Final, get_args
 
 import click
 
-from modalmotion.cli.options import example, json_option, tell
+from modalmotion.cli.shared import example, json_option, tell
 from modalmotion.errors import ModalMotionError, NotFoundError, ParameterError
 from modalmotion.store.deletion import bury, digest_of_owner
 from modalmotion.store.disk import FolderLock, cannot_write, sync_paths
-from modalmotion.store.folder import ResultKind
-from modalmotion_service.access.audit import BEGUN, AuditLog, of_command, take_back_key
+from modalmotion.store.folders import ResultKind
+from modalmotion_service.access import audit, scopes
 from modalmotion_service.access.keys import KEYS, Key, KeyRing
-from modalmotion_service.access.scopes import LOCAL
 from modalmotion_service.commands.options import DATA_DIR, folder_with, tell_rows
 from modalmotion_service.workspace.owners import FOLDER, folder_of
 from modalmotion_service.workspace.spool import sizes
@@ -32,7 +31,7 @@ def usage_of(data_dir: Path) -> Iterator[dict[str, str | int]]:
     """
     others = [path for path in sorted((data_dir / FOLDER).glob("[a-z0-9]*")) if path.is_dir()]
     active = [key.owner for key in _keys(data_dir) if key.state == "active"]
-    for owner, root in ((LOCAL, data_dir), *((path.name, path) for path in others)):
+    for owner, root in ((scopes.LOCAL, data_dir), *((path.name, path) for path in others)):
         yield {
             "owner": owner,
             "n_sequences": _count(root / "sequences", "*/*.json"),
@@ -61,9 +60,9 @@ def remove_owner(data_dir: Path, owner: str) -> None:
     StoreError
         If a service has the store open, or files cannot be removed; call it again then.
     """
-    if owner == LOCAL:
+    if owner == scopes.LOCAL:
         raise ParameterError(
-            f"The store of '{LOCAL}' is the data folder itself.",
+            f"The store of '{scopes.LOCAL}' is the data folder itself.",
             remedy="Delete its sequences, or remove the whole folder.",
         )
     root = folder_of(data_dir, owner)
@@ -72,14 +71,14 @@ def remove_owner(data_dir: Path, owner: str) -> None:
         raise NotFoundError(
             f"There is no owner {owner!r} in {data_dir}.", remedy="See `modalmotion owners list`."
         )
-    with AuditLog(data_dir) as log:
-        log.append([of_command("owners remove", owner, "", BEGUN)])
+    with audit.AuditLog(data_dir) as log:
+        log.append([audit.of_command("owners remove", owner, "", audit.BEGUN)])
         try:
             _remove(data_dir, owner, root, doomed)
         except ModalMotionError:
-            log.append([of_command("owners remove", owner, "", 409)])
+            log.append([audit.of_command("owners remove", owner, "", 409)])
             raise
-        log.append([of_command("owners remove", owner, "")])
+        log.append([audit.of_command("owners remove", owner, "")])
 
 
 def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
@@ -88,7 +87,7 @@ def _remove(data_dir: Path, owner: str, root: Path, doomed: Path) -> None:
             with FolderLock(root / "lock"):
                 for key in _keys(data_dir):
                     if key.owner == owner and key.revoked is None:
-                        take_back_key(data_dir, key.id)
+                        audit.take_back_key(data_dir, key.id)
                 if doomed.is_dir():
                     shutil.rmtree(doomed)
                 # From here on it is gone, even if the rest is interrupted.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from modalmotion.cli.options import example
+from modalmotion.cli.shared import example
 from modalmotion_service.commands.options import DATA_DIR
 from modalmotion_service.work.forks import FORKS, take_one_thread
 

@@ -21,26 +21,23 @@ from fastapi import FastAPI
 
 from modalmotion.errors import ParameterError
 from modalmotion.store import ResultStore
-from modalmotion_service.access.audit import AuditLog, note_key
+from modalmotion_service.access import audit, rates, scopes
 from modalmotion_service.access.keys import KeyRing, KeySnapshot, parts_of
-from modalmotion_service.access.rates import is_loopback
-from modalmotion_service.access.scopes import LOCAL, Scope
 from modalmotion_service.app import create_app
 from modalmotion_service.http.connections import protocol_with_deadline, room_for_connections
 from modalmotion_service.log_lines import log_config
 from modalmotion_service.settings import Settings, unknown_variables
-from modalmotion_service.work.pool import open_engine
-from modalmotion_service.work.worker import keep_freed_memory
+from modalmotion_service.work import pool, worker
 
 
 def secured(settings: Settings, host: str) -> Settings:
     """Demand keys where the address to listen on can be reached from other machines."""
-    if is_loopback(host):
+    if rates.is_loopback(host):
         return settings
     return settings.model_copy(update={"require_keys": True})
 
 
-def offer_first_key(settings: Settings, ring: KeyRing, log: AuditLog) -> None:
+def offer_first_key(settings: Settings, ring: KeyRing, log: audit.AuditLog) -> None:
     """Make a key with every scope where keys are needed and none was ever made.
 
     It is shown, unless it was read from a file that the settings name. Keys and audit log are those
@@ -54,8 +51,8 @@ def offer_first_key(settings: Settings, ring: KeyRing, log: AuditLog) -> None:
     if not settings.require_keys or ring.all():
         return
     stated = stated_key(settings.first_key_file)
-    made = ring.create(LOCAL, frozenset(Scope), note="first key", token=stated)
-    key, token = note_key(made, ring, log)
+    made = ring.create(scopes.LOCAL, frozenset(scopes.Scope), note="first key", token=stated)
+    key, token = audit.note_key(made, ring, log)
     if stated:
         return
     # To standard output, apart from the log, which goes to standard error.
@@ -118,7 +115,7 @@ def run(settings: Settings, host: str, port: int) -> None:
     # Said here, before uvicorn would say it with a traceback.
     with ResultStore(settings.data_dir):
         if settings.engine != "processes":
-            open_engine(settings).shutdown()
+            pool.open_engine(settings).shutdown()
     chosen = secured(settings, host)
     stated_key(chosen.first_key_file)  # one that cannot be used is no matter of a running server
     app = create_app(chosen)
@@ -181,7 +178,7 @@ def run_app(
 ) -> None:
     """Serve an application as `run` serves the service's own."""
     # Modules, classes and routes stay for good, and the collector need not walk them.
-    keep_freed_memory(KEPT_BYTES, in_one=True)
+    worker.keep_freed_memory(KEPT_BYTES, in_one=True)
     gc.enable()
     connections, at_once = room_for_connections(settings.max_connections)
     config = uvicorn.Config(

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from modalmotion.cli.options import example, json_option
+from modalmotion.cli.shared import example, json_option
 
 
 @click.command("settings", epilog=example("settings --json"))

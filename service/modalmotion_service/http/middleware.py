@@ -19,8 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion_service.access.scopes import PROBES, principal_of
 from modalmotion_service.errors import BusyError, SlowClientError
-from modalmotion_service.http.gate import route_of
-from modalmotion_service.http.problems import problem_of
+from modalmotion_service.http import gate, problems
 from modalmotion_service.settings import Settings
 
 API_VERSION: Final = "1.0.0"
@@ -105,7 +104,7 @@ class Heads(Middleware):
         """Pass the request on, or refuse it."""
         send = guarded(scope, send)
         if (error := _fault(scope)) is not None:
-            answer = problem_of(error)
+            answer = problems.problem_of(error)
             # Where it ends is not certain: what follows may not be a request.
             answer.headers["Connection"] = "close"
             await answer(scope, receive, send)
@@ -278,7 +277,7 @@ class BodyLimits(Middleware):
 
     async def pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, watching what it receives."""
-        most, name = self._most(route_of(scope))
+        most, name = self._most(gate.route_of(scope))
         too_large = LimitError(
             f"The request body is larger than {most} bytes.",
             remedy=_SEND_LESS[name],
@@ -287,7 +286,7 @@ class BodyLimits(Middleware):
         )
         declared = dict(scope["headers"]).get(b"content-length", b"")
         if declared.isdigit() and int(declared) > most:
-            await problem_of(too_large)(scope, receive, send)
+            await problems.problem_of(too_large)(scope, receive, send)
             return
         loop = asyncio.get_running_loop()
         end = loop.time() + self.settings.upload_seconds
@@ -362,7 +361,7 @@ class Concurrency(Middleware):
                     limit=limit,
                     details={"most": most},
                 )
-                await problem_of(busy)(scope, receive, send)
+                await problems.problem_of(busy)(scope, receive, send)
                 return
         self.under_way.update(limits.keys())
         try:

@@ -22,10 +22,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from modalmotion.errors import needs_extra
 from modalmotion_service.access.scopes import principal_of
-from modalmotion_service.http.gate import CLIENT_GONE, route_of
+from modalmotion_service.http import gate, problems
 from modalmotion_service.http.middleware import Middleware, guarded
 from modalmotion_service.http.observation import begin_stages, server_timing
-from modalmotion_service.http.problems import internal_answer
 from modalmotion_service.monitoring.metrics import Metrics
 
 logger = logging.getLogger("modalmotion_service.requests")
@@ -175,13 +174,13 @@ class Observation(Middleware):
             try:
                 await self.app(scope, received, observed)
             except ClientDisconnect:
-                status = status or CLIENT_GONE
+                status = status or gate.CLIENT_GONE
             except Exception:
                 logger.exception("request failed", extra={"request_id": request_id})
                 if not status:
-                    await internal_answer()(scope, receive, guarded(scope, observed))
+                    await problems.internal_answer()(scope, receive, guarded(scope, observed))
             finally:
-                seconds, route = time.perf_counter() - start, route_of(scope)
+                seconds, route = time.perf_counter() - start, gate.route_of(scope)
                 self.metrics.count(method, route or "other", status, seconds, n_received, n_sent)
                 if self.telemetry:
                     self.telemetry.answered(span, method, route, status, stages)

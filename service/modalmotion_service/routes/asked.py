@@ -19,20 +19,17 @@ from starlette.responses import FileResponse, Response
 
 from modalmotion.errors import StoreError
 from modalmotion.mesh import facts_as_json
-from modalmotion.store import ResultStore
-from modalmotion.store.index import from_cursor, to_cursor
+from modalmotion.store import ResultStore, index
 from modalmotion_service.access.keys import key_required
 from modalmotion_service.access.scopes import principal_of
 from modalmotion_service.document import is_file
 from modalmotion_service.errors import ConflictError, IdempotencyMismatchError
+from modalmotion_service.http import gate
 from modalmotion_service.http import negotiation as media
-from modalmotion_service.http.gate import note_facts, note_ids
-from modalmotion_service.schemas.from_core import JsonBody, read_from
-from modalmotion_service.schemas.general import JobAnswer, JobState
+from modalmotion_service.schemas import from_core, general
 from modalmotion_service.schemas.queries import CasesRequest, LabelledSequence
-from modalmotion_service.workspace.jobs import Job
+from modalmotion_service.workspace import jobs, spool
 from modalmotion_service.workspace.operation import Case, Operation, Outcome, Request, State
-from modalmotion_service.workspace.spool import SpoolFile
 from modalmotion_service.workspace.training import find_cases
 
 _LOOK_SECONDS: Final = 0.2
@@ -69,7 +66,7 @@ class Asked:
 
     def note(self, *ids: str | None) -> None:
         """Name in the audit log what the call is about, where its path does not."""
-        note_ids(self.http, [one for one in ids if one is not None])
+        gate.note_ids(self.http, [one for one in ids if one is not None])
 
     def tagged(self, *parts: str) -> str:
         """Make the tag of an answer."""
@@ -91,7 +88,7 @@ class Asked:
         what: Operation,
         request: Request,
         *,
-        file: SpoolFile | None = None,
+        file: spool.SpoolFile | None = None,
         tag: Sequence[str] | None = None,
         key: str | None = None,
     ) -> Response:
@@ -123,7 +120,7 @@ class Asked:
         done = await self.unless_left(work)
         if not isinstance(done, Outcome):
             return accepted(done)
-        note_facts(self.http, done.filled)
+        gate.note_facts(self.http, done.filled)
         headers = {**done.headers, **headers}
         if len(what.media_types) > 1:
             headers["Vary"] = "Accept"
@@ -157,7 +154,7 @@ class Asked:
         key: str | None,
         what: Operation,
         request: Request,
-        file: SpoolFile | None,
+        file: spool.SpoolFile | None,
         make: Callable[[], Awaitable[Response]],
     ) -> Response:
         """Make an answer, or repeat the one made for the same idempotency key.
@@ -209,7 +206,7 @@ class Asked:
     async def about(
         self,
         wanted: CasesRequest,
-        query: type[JsonBody],
+        query: type[from_core.JsonBody],
         look: Callable[[ResultStore, Sequence[LabelledSequence], int], list[Case]] = find_cases,
         **more: Any,
     ) -> Request:
@@ -281,13 +278,13 @@ def temporary_file(path: Path, media_type: str, headers: Mapping[str, str]) -> F
     return FileResponse(path, 200, headers, media_type, background=removal)
 
 
-def job_answer(job: Job, text: str | None = None) -> JobAnswer:
+def job_answer(job: jobs.Job, text: str | None = None) -> general.JobAnswer:
     """Write a job out, with what it is doing now in words."""
     here = f"/v1/jobs/{job.id}"
     # Noted a little before the job has succeeded.
-    result = (job.state == JobState.SUCCEEDED and job.result) or {}
-    return read_from(
-        JobAnswer,
+    result = (job.state == general.JobState.SUCCEEDED and job.result) or {}
+    return from_core.read_from(
+        general.JobAnswer,
         job,
         text=text or None,
         result=f"{here}/result" if "file" in result else result.get("link"),
@@ -295,7 +292,7 @@ def job_answer(job: Job, text: str | None = None) -> JobAnswer:
     )
 
 
-def accepted(job: Job) -> Response:
+def accepted(job: jobs.Job) -> Response:
     """Answer 202 with a job."""
     answer = job_answer(job)
     headers = {"Location": answer.links["self"], "Retry-After": "1"}
@@ -305,14 +302,14 @@ def accepted(job: Job) -> Response:
 
 def page_of(names: list[str], limit: int, cursor: str | None) -> tuple[list[str], str | None]:
     """Give a page of sorted names, and the cursor for the next."""
-    after = "" if cursor is None else from_cursor(cursor)[1]
+    after = "" if cursor is None else index.from_cursor(cursor)[1]
     rest = [name for name in names if name > after]
     page = rest[:limit]
-    return page, to_cursor("name", page[-1]) if len(rest) > limit else None
+    return page, index.to_cursor("name", page[-1]) if len(rest) > limit else None
 
 
 ACCEPTED: Final[dict[int | str, dict[str, Any]]] = {
-    202: {"model": JobAnswer, "description": "Continued as a job; fetch the result later."}
+    202: {"model": general.JobAnswer, "description": "Continued as a job; fetch the result later."}
 }
 
 EXAMPLES: Final[dict[str, Any]] = json.loads(

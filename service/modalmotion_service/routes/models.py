@@ -6,9 +6,8 @@ from typing import Annotated
 
 from fastapi import Depends, Query, Response
 
+from modalmotion import errors, store
 from modalmotion.classification import ModelCard, available_models, card_markdown
-from modalmotion.errors import ParameterError
-from modalmotion.store import ModelRecord, model_to_hdf5, parse_reference, require_model_name
 from modalmotion_service.http.gated_router import GatedRouter, body_of
 from modalmotion_service.http.negotiation import CSV, HDF5, JSON, MARKDOWN, PNG, attachment
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers, page_of
@@ -16,9 +15,7 @@ from modalmotion_service.schemas import models as results
 from modalmotion_service.schemas import queries
 from modalmotion_service.schemas.from_core import ModelName, ModelReference, Paging
 from modalmotion_service.workspace import model_operations as operations
-from modalmotion_service.workspace import models
-from modalmotion_service.workspace.operation import Request
-from modalmotion_service.workspace.spool import SpoolFile
+from modalmotion_service.workspace import models, operation, spool
 from modalmotion_service.workspace.training import labelled_cases, look_up, write_cases
 
 router = GatedRouter(prefix="/v1/models", tags=["models"])
@@ -38,18 +35,18 @@ async def train_model(
     state = asked.state
 
     async def make() -> Response:
-        name = require_model_name(wanted.name)
+        name = store.require_model_name(wanted.name)
         models.require_own(name, "takes no further versions", "Choose another name.")
         wanted.options.options()  # refused at once where one is out of range
         most = state.settings.max_training_sequences
         # Up to a hundred thousand sequences: others are answered meanwhile.
         cases = await asyncio.to_thread(lambda: look_up(state.store, wanted.cases, most))
-        with SpoolFile(state.spool.new_path()) as file:
+        with spool.SpoolFile(state.spool.new_path()) as file:
             await asyncio.to_thread(write_cases, file, cases)
-            request = Request(query=wanted.options, reference=name)
+            request = operation.Request(query=wanted.options, reference=name)
             return await asked.do(operations.training, request, file=file)
 
-    said = Request(query=wanted)
+    said = operation.Request(query=wanted)
     return await asked.once(idempotency_key, operations.training, said, None, make)
 
 
@@ -75,7 +72,7 @@ async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
     parts = (model.id, str(model.version), repr(versions))
     if kind in (PNG, CSV):
         what = operations.model_view if kind == PNG else operations.held_out
-        request = Request(media_type=kind, reference=f"{model.name}@{model.version}")
+        request = operation.Request(media_type=kind, reference=f"{model.name}@{model.version}")
         # Subjects in a table may change.
         return await asked.do(what, request, tag=parts if kind == PNG else None)
     tag = asked.tagged(*parts, kind)
@@ -84,7 +81,7 @@ async def describe_model(name: ModelReference, asked: AskedAny) -> Response:
     headers = {"ETag": tag, "Vary": "Accept"}
     if kind == HDF5:
         headers |= attachment(f"{model.name}-{model.version}.h5")
-        return Response(await asyncio.to_thread(model_to_hdf5, content), 200, headers, HDF5)
+        return Response(await asyncio.to_thread(store.model_to_hdf5, content), 200, headers, HDF5)
     if kind == MARKDOWN:
         card = ModelCard.from_json(content.card)
         page = card_markdown(f"{model.name}@{model.version}", model.id, card, head=True)
@@ -101,9 +98,9 @@ async def delete_model(name: ModelReference, asked: AskedNow) -> None:
 
     Its number is not used again, and its classifications stay.
     """
-    reference = parse_reference(name)
+    reference = store.parse_reference(name)
     if reference.version is None:
-        raise ParameterError(
+        raise errors.ParameterError(
             "No version of the model is named.", remedy=f"Name one, such as {name}@1."
         )
     if reference.name in available_models():
@@ -140,7 +137,7 @@ async def evaluate_model(
     return await asked.do(operations.evaluation, replace(request, query=options, reference=first))
 
 
-def _summary(records: list[ModelRecord]) -> results.ModelSummary:
+def _summary(records: list[store.ModelRecord]) -> results.ModelSummary:
     return results.ModelSummary.of(records[-1], [record.version for record in records])
 
 
@@ -161,11 +158,11 @@ async def make_norm(
     """
 
     async def make() -> Response:
-        name = require_model_name(wanted.name)
+        name = store.require_model_name(wanted.name)
         await asyncio.to_thread(operations.require_free_norm, asked.state, name)
         return await asked.do(operations.norm, await asked.about(wanted, queries.NormOptions))
 
-    said = Request(query=wanted)
+    said = operation.Request(query=wanted)
     return await asked.once(idempotency_key, operations.norm, said, None, make)
 
 

@@ -15,13 +15,12 @@ from modalmotion_service.http.gate import Access
 from modalmotion_service.http.gated_router import GatedRouter
 from modalmotion_service.monitoring.metrics import require_ready
 from modalmotion_service.routes.asked import AskedNow, answers, job_answer
-from modalmotion_service.schemas import general
-from modalmotion_service.schemas.from_core import JobId, Paging
+from modalmotion_service.schemas import from_core, general
 
 of_jobs = GatedRouter(prefix="/v1/jobs", tags=["jobs"])
 
 
-class JobList(Paging):
+class JobList(from_core.Paging):
     """Which jobs to list."""
 
     state: general.JobState | None = None
@@ -36,7 +35,7 @@ def list_jobs(query: Annotated[JobList, Query()], asked: AskedNow) -> general.Jo
 
 
 @of_jobs.get("/{job_id}")
-def describe_job(job_id: JobId, asked: AskedNow, response: Response) -> general.JobAnswer:
+def describe_job(job_id: from_core.JobId, asked: AskedNow, response: Response) -> general.JobAnswer:
     """Give a job's state, its progress, and the link to its result."""
     record = asked.state.jobs.get(job_id)
     if not record.is_finished:
@@ -45,7 +44,7 @@ def describe_job(job_id: JobId, asked: AskedNow, response: Response) -> general.
 
 
 @of_jobs.get("/{job_id}/result", **answers("*/*", waits=False))
-def result_of_job(job_id: JobId, asked: AskedNow) -> Response:
+def result_of_job(job_id: from_core.JobId, asked: AskedNow) -> Response:
     """Give the file of a job's result: the answer that its request would have had."""
     record = asked.state.jobs.get(job_id)
     outcome = (record.state == general.JobState.SUCCEEDED and record.result) or {}
@@ -67,7 +66,7 @@ def result_of_job(job_id: JobId, asked: AskedNow) -> Response:
 
 
 @of_jobs.delete("/{job_id}")
-async def cancel_job(job_id: JobId, asked: AskedNow) -> general.JobAnswer:
+async def cancel_job(job_id: from_core.JobId, asked: AskedNow) -> general.JobAnswer:
     """End a job; 409 if it is finished."""
     return job_answer(await asked.state.runner.cancel(job_id))
 
@@ -117,7 +116,7 @@ async def metrics(request: Request) -> Response:
     return Response(text, headers={"Content-Type": _TEXT})
 
 
-class AuditList(Paging):
+class AuditList(from_core.Paging):
     """Which entries to list."""
 
     owner: Annotated[str, Query(max_length=63)] | None = None

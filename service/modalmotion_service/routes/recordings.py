@@ -5,28 +5,23 @@ from typing import Annotated
 
 from fastapi import Depends, Query, Response
 
-from modalmotion.errors import ParameterError
-from modalmotion.store import record_to_json
+from modalmotion import errors, store
 from modalmotion_service.http.gated_router import GatedRouter
 from modalmotion_service.http.negotiation import HDF5, JSON, PNG, VIEW
 from modalmotion_service.routes.asked import AskedAny, AskedNow, IdempotencyKey, answers
 from modalmotion_service.routes.uploads import Sent, receiving
-from modalmotion_service.schemas.from_core import Paging, SequenceId
-from modalmotion_service.schemas.queries import ImagesView, TrackView
-from modalmotion_service.schemas.requests import TRACK, ImagesStatements
+from modalmotion_service.schemas import from_core, queries, requests
 from modalmotion_service.schemas.sequences import ImagesPageAnswer, ImagesSummary, TrackAnswer
-from modalmotion_service.workspace import models
+from modalmotion_service.workspace import models, recording_operations, spool
 from modalmotion_service.workspace import recording_operations as operations
 from modalmotion_service.workspace.operation import Request
-from modalmotion_service.workspace.recording_operations import erase_images
-from modalmotion_service.workspace.spool import SpoolFile
 
 router = GatedRouter(prefix="/v1")
 
 
 @router.post("/images", tags=["images"], **answers(of=ImagesSummary, is_new=True))
 async def upload_images(
-    sent: Annotated[Sent, Depends(receiving(ImagesStatements))],
+    sent: Annotated[Sent, Depends(receiving(requests.ImagesStatements))],
     asked: AskedAny,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
@@ -40,7 +35,7 @@ async def upload_images(
 
 
 @router.get("/images", tags=["images"])
-def list_images(query: Annotated[Paging, Query()], asked: AskedNow) -> ImagesPageAnswer:
+def list_images(query: Annotated[from_core.Paging, Query()], asked: AskedNow) -> ImagesPageAnswer:
     """List images from the newest to the oldest, a page at a time."""
     page, cursor = asked.store.list_images(**query.model_dump())
     return ImagesPageAnswer(images=[ImagesSummary.of(record) for record in page], cursor=cursor)
@@ -48,7 +43,7 @@ def list_images(query: Annotated[Paging, Query()], asked: AskedNow) -> ImagesPag
 
 @router.get("/images/{images_id}", tags=["images"], **answers(JSON, VIEW, of=ImagesSummary))
 async def describe_images(
-    images_id: SequenceId, query: Annotated[ImagesView, Query()], asked: AskedAny
+    images_id: from_core.SequenceId, query: Annotated[queries.ImagesView, Query()], asked: AskedAny
 ) -> Response:
     """Describe images: shape, spacing, times and kind, and nothing of whom they show.
 
@@ -66,14 +61,14 @@ async def describe_images(
 
 
 @router.delete("/images/{images_id}", tags=["images"], status_code=204)
-async def delete_images(images_id: SequenceId, asked: AskedNow) -> None:
+async def delete_images(images_id: from_core.SequenceId, asked: AskedNow) -> None:
     """Delete images; a track that is under way in them ends, and those that were made stay."""
-    await erase_images(asked.state, images_id)
+    await recording_operations.erase_images(asked.state, images_id)
 
 
 @router.post("/tracks", tags=["tracks"], **answers(of=TrackAnswer, is_new=True))
 async def track_recording(
-    sent: Annotated[Sent, Depends(receiving(TRACK, is_optional=True))],
+    sent: Annotated[Sent, Depends(receiving(requests.TRACK, is_optional=True))],
     asked: AskedAny,
     idempotency_key: IdempotencyKey = None,
 ) -> Response:
@@ -95,7 +90,7 @@ async def track_recording(
         await operations.start_path(asked.state, query.start)
         if query.model is not None:
             await asyncio.to_thread(models.choose, asked.state, query.model)
-        own: SpoolFile | None = file
+        own: spool.SpoolFile | None = file
         if query.images is not None:
             await asyncio.to_thread(_require_no_body, file)
             await asyncio.to_thread(asked.store.images_record, query.images)
@@ -109,7 +104,7 @@ async def track_recording(
 
 @router.get("/tracks/{track_id}", tags=["tracks"], **answers(JSON, HDF5, PNG, VIEW, of=TrackAnswer))
 async def show_track(
-    track_id: SequenceId, query: Annotated[TrackView, Query()], asked: AskedAny
+    track_id: from_core.SequenceId, query: Annotated[queries.TrackView, Query()], asked: AskedAny
 ) -> Response:
     """Give a track: what was found and how well, its HDF5 file, a picture, or data for the page.
 
@@ -121,14 +116,14 @@ async def show_track(
     if kind == PNG and query.picture == "overlay":
         # They may be deleted while somebody has the picture still.
         await asyncio.to_thread(asked.store.images_of_track, track_id)
-    own = record_to_json(record).decode()
+    own = store.record_to_json(record).decode()
     request = Request(query=query, media_type=kind, sequence_id=track_id)
     return await asked.do(operations.track_view, request, tag=(own, images_id or ""))
 
 
-def _require_no_body(file: SpoolFile) -> None:
+def _require_no_body(file: spool.SpoolFile) -> None:
     if file.path.stat().st_size:
-        raise ParameterError(
+        raise errors.ParameterError(
             "Images are named, and a file was sent besides.",
             remedy="Leave the body empty, or the images out.",
         )

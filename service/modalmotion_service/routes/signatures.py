@@ -33,13 +33,12 @@ from modalmotion_service.schemas.from_core import Paging, SequenceId, SignatureK
 from modalmotion_service.schemas.models import FeaturesAnswer
 from modalmotion_service.work.tasks import signatures
 from modalmotion_service.workspace import model_operations as of_models
-from modalmotion_service.workspace import models
+from modalmotion_service.workspace import models, spool
 from modalmotion_service.workspace import signature_operations as operations
 from modalmotion_service.workspace.analysis import USUAL, with_facts
 from modalmotion_service.workspace.models import KeptClassification
 from modalmotion_service.workspace.operation import Operation, Request
 from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES, SURFACES
-from modalmotion_service.workspace.spool import SpoolFile
 
 router = GatedRouter(prefix="/v1", tags=["signatures"])
 
@@ -159,7 +158,7 @@ async def report_signature(
     return await _shown(asked, operations.report, key, query=query, also=said)
 
 
-async def _instance(request: HttpRequest) -> SpoolFile:
+async def _instance(request: HttpRequest) -> spool.SpoolFile:
     state = await get_state(request)
     with stage("receive"):
         file = await state.spool.receive(request.stream(), hashed=False)
@@ -176,7 +175,7 @@ async def _instance(request: HttpRequest) -> SpoolFile:
 )
 async def dicom_of_signature(
     key: SignatureKey,
-    file: Annotated[SpoolFile, Depends(_instance)],
+    file: Annotated[spool.SpoolFile, Depends(_instance)],
     query: Annotated[queries.ReportRequest, Query()],
     asked: AskedNow,
 ) -> Response:

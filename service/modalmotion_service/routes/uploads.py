@@ -19,17 +19,15 @@ from modalmotion.classification.manifest import Row, manifest_rows
 from modalmotion.errors import LimitError, MalformedFileError, ParameterError
 from modalmotion.mesh.fact_forms import column_of, facts_from_texts, is_fact
 from modalmotion.mesh.facts import NAMES, NO_FACTS, Facts
-from modalmotion.store.folder import require_name
+from modalmotion.store.folders import require_name
 from modalmotion_service.http.forms import FILES, MANIFEST, FormFiles, SentPart, received_form
 from modalmotion_service.http.gated_router import GatedRouter, checked, described_as, invalid
 from modalmotion_service.http.negotiation import JSON, NDJSON, NPZ, RAW, STREAM, VTKHDF
 from modalmotion_service.http.observation import stage
 from modalmotion_service.routes.asked import Asked, AskedAny, answers, get_state
-from modalmotion_service.schemas import results
+from modalmotion_service.schemas import queries, results, signatures
 from modalmotion_service.schemas.from_core import JsonBody, is_listed
-from modalmotion_service.schemas.queries import DecodingRequest
 from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
-from modalmotion_service.schemas.signatures import SignatureAnswer
 from modalmotion_service.work.upload import Part
 from modalmotion_service.workspace import file_operations as operations
 from modalmotion_service.workspace import models
@@ -312,7 +310,7 @@ router = GatedRouter(prefix="/v1", tags=["files"])
 
 @router.post(
     "/signature",
-    **answers(*SIGNATURE_TYPES, NDJSON, of=SignatureAnswer | results.SignatureResults),
+    **answers(*SIGNATURE_TYPES, NDJSON, of=signatures.SignatureAnswer | results.SignatureResults),
 )
 async def sign_file(
     sent: Annotated[Sent, Depends(receiving(SIGNATURE_OF_FILE, takes_many=True))], asked: AskedAny
@@ -361,7 +359,7 @@ async def encode_file(
 
 @router.post("/decode", **answers(NPZ, VTKHDF, RAW))
 async def decode_file(
-    sent: Annotated[Sent, Depends(receiving(DecodingRequest))], asked: AskedAny
+    sent: Annotated[Sent, Depends(receiving(queries.DecodingRequest))], asked: AskedAny
 ) -> Response:
     """Decode a stream, or some of its frames; nothing is stored."""
     with sent.file:

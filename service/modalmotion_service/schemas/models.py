@@ -3,14 +3,18 @@
 from collections.abc import Sequence
 from typing import Any, Final, Literal
 
-from modalmotion.classification import Comparison, Evaluation, FeatureTable, ModelCard
-from modalmotion.classification.evaluation import CaseAnswer, Difference
+from modalmotion import classification, store
+from modalmotion.classification import evaluation
 from modalmotion.norm import Norm
-from modalmotion.norm.deviation import CohortDeviation, Deviation, GroupDeviation, QuantityDeviation
+from modalmotion.norm.deviations import (
+    CohortDeviation,
+    Deviation,
+    GroupDeviation,
+    QuantityDeviation,
+)
 from modalmotion.notes import Note
 from modalmotion.representation import plain
 from modalmotion.signature.parameters import parameters_as_json
-from modalmotion.store import KeptModel, ModelRecord
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 from modalmotion_service.schemas.results import FigureAnswer
 
@@ -31,7 +35,7 @@ class ModelSummary(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(record: ModelRecord, versions: list[int]) -> "ModelSummary":
+    def of(record: store.ModelRecord, versions: list[int]) -> "ModelSummary":
         """Write a record out."""
         here = f"/v1/models/{record.name}"
         return read_from(
@@ -80,12 +84,12 @@ class Curves(Answer):
         return {**values, **named, "calibration_curve": curve}
 
 
-@mirrors(ModelCard, without=["classes"])
+@mirrors(classification.ModelCard, without=["classes"])
 class ModelCardAnswer(Curves):
     """Facts to know before relying on a model."""
 
     @staticmethod
-    def of(card: ModelCard) -> "ModelCardAnswer":
+    def of(card: classification.ModelCard) -> "ModelCardAnswer":
         """Write a card out."""
         return ModelCardAnswer(**Curves.written(card.as_json()))
 
@@ -100,12 +104,12 @@ class ModelAnswer(ModelSummary):
     """HDF5 file within the data folder; null for a shipped model."""
 
     @staticmethod
-    def with_card(model: KeptModel, versions: list[int], file: str | None) -> "ModelAnswer":
+    def with_card(model: store.KeptModel, versions: list[int], file: str | None) -> "ModelAnswer":
         """Write a stored model out."""
         return ModelAnswer(
             **ModelSummary.of(model.record, versions).model_dump(),
             parameters=parameters_as_json(model.record.parameters),
-            card=ModelCardAnswer.of(ModelCard.from_json(model.card)),
+            card=ModelCardAnswer.of(classification.ModelCard.from_json(model.card)),
             file=file,
         )
 
@@ -116,14 +120,14 @@ class ModelPageAnswer(Paged):
     models: list[ModelSummary]
 
 
-@mirrors(CaseAnswer, without=["name"])
+@mirrors(evaluation.CaseAnswer, without=["name"])
 class CaseResult(Answer):
     """A model's answer to one labelled sequence."""
 
     probabilities: dict[str, float]
 
 
-@mirrors(Evaluation)
+@mirrors(classification.Evaluation)
 class EvaluationAnswer(Curves):
     """A model on labelled sequences. An abstention is wrong, and its probabilities are equal."""
 
@@ -131,7 +135,7 @@ class EvaluationAnswer(Curves):
     cases: list[CaseResult]
 
     @staticmethod
-    def of(result: Evaluation, version: int) -> "EvaluationAnswer":
+    def of(result: classification.Evaluation, version: int) -> "EvaluationAnswer":
         """Write a result out."""
         values = Curves.written(plain(result))
         values["cases"] = [
@@ -141,12 +145,12 @@ class EvaluationAnswer(Curves):
         return EvaluationAnswer(**values, version=version)
 
 
-@mirrors(Difference)
+@mirrors(evaluation.Difference)
 class DifferenceAnswer(Answer):
     """A figure of two models; the difference is the second's less the first's."""
 
 
-@mirrors(Comparison)
+@mirrors(classification.Comparison)
 class ComparisonAnswer(Answer):
     """Two models on the same labelled sequences; `methods` describes how they are compared."""
 
@@ -158,7 +162,7 @@ class ComparisonAnswer(Answer):
     evaluations: tuple[EvaluationAnswer, EvaluationAnswer]
 
     @staticmethod
-    def of(result: Comparison, versions: Sequence[int]) -> "ComparisonAnswer":
+    def of(result: classification.Comparison, versions: Sequence[int]) -> "ComparisonAnswer":
         """Write a result out."""
         values: dict[str, Any] = plain(result)
         values["models"] = tuple(
@@ -265,6 +269,6 @@ class FeaturesAnswer(Answer):
     left_out: list[LeftOutAnswer]
 
     @staticmethod
-    def of(table: FeatureTable) -> "FeaturesAnswer":
+    def of(table: classification.FeatureTable) -> "FeaturesAnswer":
         """Write a table out."""
         return FeaturesAnswer(**table.as_json())

@@ -7,8 +7,7 @@ from pydantic import FailFast, Field, StringConstraints
 from modalmotion.classification import TrainingOptions
 from modalmotion.errors import ParameterError
 from modalmotion.signature.parameters import MOST_MODES
-from modalmotion_service.schemas import from_core
-from modalmotion_service.schemas.requests import COVARIATES, LONGEST_NAME, Name
+from modalmotion_service.schemas import from_core, requests
 
 
 class DecodingRequest(from_core.JsonBody):
@@ -38,8 +37,8 @@ class DecodingRequest(from_core.JsonBody):
 class SequenceList(from_core.Paging):
     """Which sequences to list."""
 
-    subject: Name | None = None
-    label: Name | None = None
+    subject: requests.Name | None = None
+    label: requests.Name | None = None
     tracked: bool = False
     """Only those that were tracked."""
 
@@ -152,13 +151,13 @@ class LabelledSequence(from_core.JsonBody):
     """A stored sequence, with label and subject for this request."""
 
     id: from_core.SequenceId
-    label: Name | None = Field(None, min_length=1)
+    label: requests.Name | None = Field(None, min_length=1)
     """Its own by default."""
-    subject: Name | None = Field(None, min_length=1)
+    subject: requests.Name | None = Field(None, min_length=1)
     """Its own by default."""
     # Their values are checked by the library, which stops at the first fault.
     covariates: dict[str, Any] | None = Field(
-        None, description=f"Over those stored with it. {COVARIATES}"
+        None, description=f"Over those stored with it. {requests.COVARIATES}"
     )
 
 
@@ -203,7 +202,7 @@ TRAINING: Final = from_core.model_of(TrainingOptionsBody, TrainingOptions)
 class TrainingRequest(CasesRequest):
     """Name, sequences and options of a model to train."""
 
-    name: str = Field(min_length=1, max_length=LONGEST_NAME)
+    name: str = Field(min_length=1, max_length=requests.LONGEST_NAME)
     """1 to 64 lower-case letters, digits, '.', '_' and '-'. A name that is known gets its next
     version."""
     if TYPE_CHECKING:

@@ -5,17 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, get_
 
 from pydantic import FailFast, Field, StringConstraints
 
-from modalmotion.classification import DEFAULT_MODEL
-from modalmotion.classification.model_files import RULE
-from modalmotion.codec import Effort
-from modalmotion.errors import ParameterError
-from modalmotion.formats import ReadLimits, ReadOptions
+from modalmotion import classification, codec, errors, formats
+from modalmotion.classification import model_files
 from modalmotion.mesh.facts import LONGEST_MODALITY, NO_FACTS, Facts
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import MOST_MODES
 from modalmotion.signature.tradeoff import MOST_OF_FRONT
-from modalmotion.template import GivenLandmarks
-from modalmotion.template.body_frame import Components
+from modalmotion.template import GivenLandmarks, body_frame
 from modalmotion.tracking.label_values import whole_labels
 from modalmotion.tracking.landmarks import landmarks_of, places_of
 from modalmotion.tracking.parameters import TrackParameters, require_surface_tracking
@@ -92,9 +88,9 @@ class SequenceChange(Named):
 class Reading(from_core.JsonBody):
     """How to read a file, and statements that override its own."""
 
-    def options(self, limits: ReadLimits, facts: Facts = NO_FACTS) -> ReadOptions:
+    def options(self, limits: formats.ReadLimits, facts: Facts = NO_FACTS) -> formats.ReadOptions:
         """Translate to the reader's options."""
-        return from_core.value_of(self, ReadOptions, limits=limits, facts=facts)
+        return from_core.value_of(self, formats.ReadOptions, limits=limits, facts=facts)
 
 
 _GRID: Final = (
@@ -116,7 +112,7 @@ class SequenceStatements(Reading, Named):
     """Statements about a sequence to be stored."""
 
 
-SEQUENCE: Final = from_core.model_of(SequenceStatements, ReadOptions, **_READING)
+SEQUENCE: Final = from_core.model_of(SequenceStatements, formats.ReadOptions, **_READING)
 
 
 class SignatureRequest(from_core.JsonBody):
@@ -153,7 +149,7 @@ class SignatureOfFile(Reading, SignatureRequest):
 
 
 SIGNATURE_OF_FILE: Final = from_core.model_of(
-    SignatureOfFile, ReadOptions, SignatureParameters, **{**_SIGNATURE, **_READING}
+    SignatureOfFile, formats.ReadOptions, SignatureParameters, **{**_SIGNATURE, **_READING}
 )
 
 
@@ -162,7 +158,7 @@ class TradeRequest(SignatureRequest):
 
     front_modes: int = Field(MOST_OF_FRONT, ge=1, le=MOST_MODES)
     """Modes that the front reaches to."""
-    only: Components | None = None
+    only: body_frame.Components | None = None
     """The only components that are measured; all that the surface has by default."""
 
     def parameters(self) -> SignatureParameters:
@@ -193,7 +189,7 @@ class EncodingTarget(from_core.Stated):
     """Distance of any vertex, never exceeded."""
     bytes: int | None = Field(None, gt=0)
     """Size of the stream, not exceeded."""
-    effort: Effort = Effort.BALANCED
+    effort: codec.Effort = codec.Effort.BALANCED
     """How many transforms are tried: fast takes a third of the time, in more bits."""
 
 
@@ -206,16 +202,16 @@ class EncodingOfFile(Reading, EncodingTarget):
         return EncodingTarget(**self.model_dump(include=set(EncodingTarget.model_fields)))
 
 
-ENCODING_OF_FILE: Final = from_core.model_of(EncodingOfFile, ReadOptions, **_READING)
+ENCODING_OF_FILE: Final = from_core.model_of(EncodingOfFile, formats.ReadOptions, **_READING)
 
 
 class ClassificationRequest(from_core.JsonBody):
     """The model, and how sure its class set must be."""
 
     model: str = Field(
-        DEFAULT_MODEL,
+        classification.DEFAULT_MODEL,
         max_length=100,
-        description=f"Name of a model for its newest version, or name@version. {RULE}",
+        description=f"Name of a model for its newest version, or name@version. {model_files.RULE}",
     )
     coverage: float = Field(0.9, gt=0, lt=1)
     """Probability that the class set contains the true class, for every class."""
@@ -225,7 +221,7 @@ class ClassOfFile(Reading, ClassificationRequest):
     """How to read a file, the model, and how sure its class set must be."""
 
 
-CLASS_OF_FILE: Final = from_core.model_of(ClassOfFile, ReadOptions, **_READING)
+CLASS_OF_FILE: Final = from_core.model_of(ClassOfFile, formats.ReadOptions, **_READING)
 
 
 class TrackRequest(Named):
@@ -261,17 +257,17 @@ class TrackRequest(Named):
             If one cannot be read, or two contradict each other.
         """
         if self.keep and self.images is None:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "Images are to be kept, and none are named.",
                 remedy="Send them to POST /v1/images first, and name them: images=ID&keep=true.",
             )
         if self.model is not None and not self.report:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "A model is named, and no report is asked for.",
                 remedy="Say report=true; or ask for the class of the track's sequence afterwards.",
             )
         if self.times is not None and self.frame_interval is not None:
-            raise ParameterError(
+            raise errors.ParameterError(
                 "Both times and an interval between frames are stated.", remedy="Keep one."
             )
         times = self.frame_interval if self.times is None else self.times

@@ -2,18 +2,15 @@
 
 from pydantic import Field
 
-from modalmotion.classification import FLAGS, Classification
-from modalmotion.classification.answer import ModeContribution
-from modalmotion.clinical import ClinicalReadouts
+from modalmotion import clinical, codec
+from modalmotion.classification import FLAGS, Classification, answer
 from modalmotion.clinical.readouts import Rates
 from modalmotion.clinical.strain import Torsion
 from modalmotion.clinical.ventricle import Sensitivities, VentricleReadouts, readouts_json
-from modalmotion.codec import Encoded
 from modalmotion.hdf5.image import INTENDED_USE
 from modalmotion.notes import Note
+from modalmotion_service.schemas import general, signatures
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
-from modalmotion_service.schemas.general import Problem, ReadingAnswer
-from modalmotion_service.schemas.signatures import SignatureAnswer
 
 
 class EncodedAnswer(Answer):
@@ -27,7 +24,7 @@ class EncodedAnswer(Answer):
     transform: str
 
     @staticmethod
-    def of(stream: Encoded) -> "EncodedAnswer":
+    def of(stream: codec.Encoded) -> "EncodedAnswer":
         """Write the measurements out."""
         return read_from(EncodedAnswer, stream)
 
@@ -40,7 +37,7 @@ class EncodedAnswer(Answer):
         }
 
 
-@mirrors(ModeContribution)
+@mirrors(answer.ModeContribution)
 class ContributionAnswer(Answer):
     """Contribution of one mode, or a cosine-sine pair, to a prediction."""
 
@@ -77,7 +74,7 @@ class ClassificationAnswer(Answer):
 class UploadClassificationAnswer(ClassificationAnswer):
     """Answer of a model for an upload that is not stored."""
 
-    reading: ReadingAnswer
+    reading: general.ReadingAnswer
     """How the upload was read."""
 
 
@@ -93,14 +90,14 @@ class _Result(Answer):
     subject: str | None
     """As in the manifest."""
     label: str | None
-    error: Problem | None
+    error: general.Problem | None
     """As the file would have been answered by itself; null where there is a result."""
 
 
 class SignatureResult(_Result):
     """The signature of one of many files, or why there is none."""
 
-    signature: SignatureAnswer | None
+    signature: signatures.SignatureAnswer | None
 
 
 class SignatureResults(Answer):
@@ -261,6 +258,6 @@ class ReadoutsAnswer(Answer):
     intended_use: str = INTENDED_USE
 
     @staticmethod
-    def of(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> "ReadoutsAnswer":
+    def of(readouts: clinical.ClinicalReadouts, ventricle: VentricleReadouts) -> "ReadoutsAnswer":
         """Write read-outs out."""
         return ReadoutsAnswer(**readouts_json(readouts, ventricle))

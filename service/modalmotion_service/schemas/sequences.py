@@ -5,17 +5,16 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalmotion.store import ImagesRecord, SequenceRecord
-from modalmotion.tracking import Track
+from modalmotion import store, tracking
+from modalmotion.representation import Floats
 from modalmotion.tracking.result import ImageAnswer
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import FactsAnswer, ReadingAnswer
 from modalmotion_service.schemas.signatures import Label
 
 
-@mirrors(SequenceRecord, without=["has_upload", "span"])
+@mirrors(store.SequenceRecord, without=["has_upload", "span"])
 class SequenceSummary(Answer):
     """Summary of a stored sequence."""
 
@@ -25,7 +24,7 @@ class SequenceSummary(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(record: SequenceRecord, reading: ReadingAnswer | None = None) -> "SequenceSummary":
+    def of(record: store.SequenceRecord, reading: ReadingAnswer | None = None) -> "SequenceSummary":
         """Summarise a record of the store."""
         here = f"/v1/sequences/{record.id}"
         return read_from(
@@ -48,7 +47,7 @@ class SequencePageAnswer(Paged):
     sequences: list[SequenceSummary]
 
 
-@mirrors(ImagesRecord)
+@mirrors(store.ImagesRecord)
 class ImagesSummary(Answer):
     """Images over time, in LPS mm."""
 
@@ -58,7 +57,7 @@ class ImagesSummary(Answer):
     links: dict[str, str]
 
     @staticmethod
-    def of(record: ImagesRecord) -> "ImagesSummary":
+    def of(record: store.ImagesRecord) -> "ImagesSummary":
         """Summarise a record."""
         here = f"/v1/images/{record.id}"
         links = {"self": here, "track": f"/v1/tracks?images={record.id}"}
@@ -81,7 +80,7 @@ class ImagesEstimate(Answer):
     """Of a shift along one axis, mm."""
 
     @staticmethod
-    def of(track: Track) -> "ImagesEstimate | None":
+    def of(track: tracking.Track) -> "ImagesEstimate | None":
         """Write out what a track says of its images; None of one without."""
         own = track.images
         if own is None:
@@ -95,7 +94,7 @@ class ImagesEstimate(Answer):
 
 
 @mirrors(
-    Track,
+    tracking.Track,
     without=[
         *("sequence", "template", "amplitudes", "covariances", "prior", "deviations"),
         *("residuals", "provenance", "data"),
@@ -131,7 +130,7 @@ class TrackEstimate(Answer):
     """As they were used."""
 
     @staticmethod
-    def of(track: Track) -> "TrackEstimate":
+    def of(track: tracking.Track) -> "TrackEstimate":
         """Write a track out, without its surfaces and amplitudes."""
         rms = np.sqrt(np.mean(track.deviations**2, axis=1))
         return read_from(
@@ -163,7 +162,7 @@ class TrackAnswer(TrackEstimate, TrackSummary):
 
     @staticmethod
     def joined(
-        estimate: TrackEstimate, record: SequenceRecord, images_id: str | None
+        estimate: TrackEstimate, record: store.SequenceRecord, images_id: str | None
     ) -> "TrackAnswer":
         """Add to what was found the record of its sequence, and the images that were kept."""
         summary = _summary(record)
@@ -172,11 +171,11 @@ class TrackAnswer(TrackEstimate, TrackSummary):
         return TrackAnswer(**summary, **estimate.model_dump())
 
 
-def _summary(record: SequenceRecord) -> dict[str, Any]:
+def _summary(record: store.SequenceRecord) -> dict[str, Any]:
     sequence = SequenceSummary.of(record)
     links = {"self": f"/v1/tracks/{record.id}", "sequence": sequence.links["self"]}
     return {"id": record.id, "sequence": sequence, "links": links}
 
 
-def _with_null(values: NDArray[np.float64]) -> list[float | None]:
+def _with_null(values: Floats) -> list[float | None]:
     return [value if math.isfinite(value) else None for value in values.tolist()]

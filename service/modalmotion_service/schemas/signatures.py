@@ -5,30 +5,28 @@ from typing import Literal
 from pydantic_core import from_json
 
 from modalmotion.hdf5.image import INTENDED_USE
-from modalmotion.modes.topology import MESH
+from modalmotion.modes.topologies import MESH
 from modalmotion.notes import Note
 from modalmotion.representation import plain
+from modalmotion.signature import distance, tradeoff
 from modalmotion.signature.choice import SceneError, SceneKind
-from modalmotion.signature.distance import Comparison
 from modalmotion.signature.making import ModalSignature
 from modalmotion.signature.noise import Noise
 from modalmotion.signature.parameters import SignatureKind, parameters_as_json
-from modalmotion.signature.tradeoff import Branch, Front, Price, price_of
-from modalmotion.template import Landmarks, Template
-from modalmotion.template.body_frame import Components
+from modalmotion.template import Landmarks, Template, body_frame
 from modalmotion.template.vibration_modes import VibrationModes
 from modalmotion_service.schemas.from_core import Answer, Paged, mirrors, read_from
 from modalmotion_service.schemas.general import FactsAnswer
 
 
-@mirrors(Price)
+@mirrors(tradeoff.Price)
 class PriceAnswer(Answer):
     """Cost and error of a description."""
 
     milliseconds: dict[str, float]
 
 
-@mirrors(Branch, without=["counts", "joint_rms"])
+@mirrors(tradeoff.Branch, without=["counts", "joint_rms"])
 class BranchAnswer(Answer):
     """RMS errors of all whole sets of one topology and one choice of components."""
 
@@ -60,14 +58,14 @@ class ChosenAnswer(Answer):
     """Simplest kind of motion that the scene is."""
     price: PriceAnswer
     topology: str
-    components: Components
+    components: body_frame.Components
     modes: int
     labels: list[str]
     harmonics: int | None
     notes: list[Note]
 
 
-@mirrors(Front, without=["branches"])
+@mirrors(tradeoff.Front, without=["branches"])
 class TradeoffAnswer(Answer):
     """Cost and error of each choice on one sequence."""
 
@@ -154,7 +152,7 @@ class SignatureAnswer(Answer):
     """Of the amplitudes: frames, modes, 3, or 1 of normal displacements."""
     deviation_share: float | None
     """RMS of these deviations over that of the amplitudes: above 1 they are mostly error."""
-    components: Components
+    components: body_frame.Components
     """Directions of the amplitudes: x, y, z or radial, tangential, axial."""
     landmarks: LandmarksAnswer | None
     """Null where there is no axis."""
@@ -215,14 +213,14 @@ class SignatureAnswer(Answer):
                 max=signature.max_errors,
             ),
             strain_energy=signature.strain_energy.sum(axis=1),
-            price=price_of(signature),
+            price=tradeoff.price_of(signature),
             choice=plain(signature.choice),
             facts=FactsAnswer.of(signature.facts),
             parameters=parameters_as_json(parameters),
         )
 
 
-@mirrors(Comparison)
+@mirrors(distance.Comparison)
 class DistanceAnswer(Answer):
     """Distance of one sequence's signature from another's."""
 

@@ -19,8 +19,8 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter
 from pydantic_core import PydanticSerializationError, to_json
 
+from modalmotion import errors
 from modalmotion import errors as core_errors
-from modalmotion.errors import ModalMotionError
 from modalmotion_service import errors as service_errors
 
 _RESULT: Final = b"="
@@ -66,7 +66,7 @@ def to_bytes(value: object) -> bytes:
 
 def error_to_bytes(error: BaseException) -> bytes:
     """Write an error: its class and data if it is one of ours, else its traceback."""
-    if isinstance(error, ModalMotionError):
+    if isinstance(error, errors.ModalMotionError):
         state = {name: getattr(error, name) for name in _OF_ERRORS}
         return _written(type(error).__name__, **state)
     if isinstance(error, OSError):
@@ -147,7 +147,7 @@ def _read_error(name: str, state: dict[str, Any]) -> BaseException:
         if name == plain.__name__:
             return plain(str(state["text"]))
     kind = getattr(core_errors, name, None) or getattr(service_errors, name, None)
-    if isinstance(kind, type) and issubclass(kind, ModalMotionError):
+    if isinstance(kind, type) and issubclass(kind, errors.ModalMotionError):
         error = kind(str(state.pop("message")), remedy=str(state.pop("remedy")))
         for attribute in ("frame", "vertex"):
             value = state[attribute]

@@ -17,9 +17,8 @@ from modalmotion.errors import needs_extra
 from modalmotion.store.disk import make_folder
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.answers import answer_of, from_bytes, result_type
+from modalmotion_service.work import answers, pool
 from modalmotion_service.work.engine import READY_SECONDS, Engine, Terms
-from modalmotion_service.work.pool import WorkerPool
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -28,7 +27,7 @@ T = TypeVar("T")
 _RETRIES: Final = 2
 
 # Of a Dask worker: its pools, by their limits.
-_pools: Final[dict[tuple[float, int], WorkerPool]] = {}
+_pools: Final[dict[tuple[float, int], pool.WorkerPool]] = {}
 _making: Final = threading.Lock()
 
 
@@ -91,7 +90,7 @@ class DaskEngine(Engine):
                     future.set_exception(self._is_lost())
                     return
                 try:
-                    future.set_result(from_bytes(done.result(), result_type(fn)))
+                    future.set_result(answers.from_bytes(done.result(), answers.result_type(fn)))
                 except BaseException as error:  # noqa: BLE001 (it is the task's)
                     future.set_exception(error)
 
@@ -136,7 +135,7 @@ class DaskEngine(Engine):
 
 def work_here(payload: bytes, terms: Terms, limits: tuple[float, int], mark: Path) -> bytes:
     """Do a task in a pool of this Dask worker; gives its answer, be it an error."""
-    return answer_of(_in_pool, (payload, terms, limits, mark), {})
+    return answers.answer_of(_in_pool, (payload, terms, limits, mark), {})
 
 
 def _in_pool(payload: bytes, terms: Terms, limits: tuple[float, int], mark: Path) -> Any:
@@ -150,6 +149,6 @@ def _in_pool(payload: bytes, terms: Terms, limits: tuple[float, int], mark: Path
         )
     with _making:
         if limits not in _pools:
-            _pools[limits] = WorkerPool(get_worker().state.nthreads, *limits)
+            _pools[limits] = pool.WorkerPool(get_worker().state.nthreads, *limits)
     function, args, kwargs = pickle.loads(payload)  # noqa: S301 (sent by our own service)
     return _pools[limits].submit_for(terms, function, *args, **kwargs).result()

@@ -20,18 +20,8 @@ from modalmotion.errors import LimitError, ParameterError
 from modalmotion.store.disk import cannot_write, is_of_the_machine
 from modalmotion_service.errors import ClusterError, CostError, NoWorkerError, WorkerDiedError
 from modalmotion_service.settings import Settings
-from modalmotion_service.work.answers import AnswerError, from_bytes, result_type
+from modalmotion_service.work import answers, forks, upload, worker
 from modalmotion_service.work.engine import LANE_SECONDS, READY_SECONDS, Engine, Lanes, Task, Terms
-from modalmotion_service.work.forks import (
-    FORKS,
-    DeadlineError,
-    ProcessLostError,
-    SpentError,
-    UnwantedError,
-    WorkerProcess,
-)
-from modalmotion_service.work.upload import are_confined
-from modalmotion_service.work.worker import payload_of
 
 logger = logging.getLogger(__name__)
 
@@ -58,7 +48,7 @@ class Keeper(threading.Thread):
     def __init__(self, pool: "WorkerPool", *, is_lane: bool = False) -> None:
         super().__init__(name="keeper", daemon=True)
         self._pool, self._is_lane = pool, is_lane
-        self._process: WorkerProcess | None = None
+        self._process: forks.WorkerProcess | None = None
         self._task: Task | None = None
         self._changing = threading.Lock()
         self._is_ending = False
@@ -88,7 +78,7 @@ class Keeper(threading.Thread):
         try:
             if self._pool.has_lane:
                 # The first one waits for all imports, before there is a task.
-                with contextlib.suppress(ProcessLostError):
+                with contextlib.suppress(forks.ProcessLostError):
                     self._require_process()
             while (task := self._pool.lanes.take(is_lane=self._is_lane)) is not None:
                 with self._changing:
@@ -117,10 +107,10 @@ class Keeper(threading.Thread):
         task.future.add_done_callback(cancelled)
         try:
             value = self._result(task)
-        except UnwantedError:
+        except forks.UnwantedError:
             task.future.cancel()
         except BaseException as error:  # noqa: BLE001 (all of them are the future's)
-            if self._is_lane and task.looks_short and isinstance(error, DeadlineError):
+            if self._is_lane and task.looks_short and isinstance(error, forks.DeadlineError):
                 self._pool.lanes.put_back(task)
                 return
             with contextlib.suppress(InvalidStateError):
@@ -141,7 +131,7 @@ class Keeper(threading.Thread):
             except BaseException as error:
                 # It may still be at work on this, and would answer the next task with it.
                 self._replace()
-                if not isinstance(error, ProcessLostError):
+                if not isinstance(error, forks.ProcessLostError):
                     raise
                 self._require_wanted(task)
                 task.attempts -= 1
@@ -150,8 +140,8 @@ class Keeper(threading.Thread):
                     raise error from None
                 continue
             try:
-                return from_bytes(answer, result_type(task.function))
-            except AnswerError:
+                return answers.from_bytes(answer, answers.result_type(task.function))
+            except answers.AnswerError:
                 # Whatever it is by now, it is not what was begun.
                 self._replace()
                 raise
@@ -161,13 +151,13 @@ class Keeper(threading.Thread):
 
     def _require_wanted(self, task: Task) -> None:
         if not self._is_wanted(task):
-            raise UnwantedError
+            raise forks.UnwantedError
 
-    def _living(self, task: Task) -> WorkerProcess:
+    def _living(self, task: Task) -> forks.WorkerProcess:
         """Give a process that lives; what was killed while it was idle costs no attempt."""
         for _ in range(MOST_STARTS):
             self._require_wanted(task)
-            with contextlib.suppress(ProcessLostError):
+            with contextlib.suppress(forks.ProcessLostError):
                 process = self._require_process()
                 # Who gave it up before could not tell which process to end.
                 self._require_wanted(task)
@@ -179,12 +169,12 @@ class Keeper(threading.Thread):
             details={"tries": MOST_STARTS},
         )
 
-    def _require_process(self) -> WorkerProcess:
+    def _require_process(self) -> forks.WorkerProcess:
         if self._process is not None and not self._process.is_idle:
             self._replace()
         if self._process is None:
             is_batch = self._pool.has_lane and not self._is_lane
-            self._process = WorkerProcess(self._pool.memory_bytes, is_batch=is_batch)
+            self._process = forks.WorkerProcess(self._pool.memory_bytes, is_batch=is_batch)
         return self._process
 
     def _replace(self) -> None:
@@ -193,8 +183,8 @@ class Keeper(threading.Thread):
             self._process = None
 
 
-def _log_death(task: Task, process: WorkerProcess) -> None:
-    code = FORKS.exit_code(process.pid)
+def _log_death(task: Task, process: forks.WorkerProcess) -> None:
+    code = forks.FORKS.exit_code(process.pid)
     logger.warning(
         "a process ended in the middle of its work",
         extra={
@@ -235,7 +225,7 @@ class WorkerPool(Engine):
     ) -> None:
         self.memory_bytes, self.has_lane = memory_bytes, has_lane
         self.lanes = Lanes()
-        self.are_parsers_confined = are_confined()
+        self.are_parsers_confined = upload.are_confined()
         self._n_workers = n_workers
         self._task_seconds, self._seconds_limit = task_seconds, seconds_limit
         self._keepers = [Keeper(self) for _ in range(n_workers)]
@@ -283,7 +273,7 @@ class WorkerPool(Engine):
         """Run a task in a worker; cancelling the future ends its process."""
         future: Future[T] = Future()
         # Written by its keeper: of many cases that takes a while.
-        request = partial(payload_of, terms, fn, args, kwargs)
+        request = partial(worker.payload_of, terms, fn, args, kwargs)
         task = Task(future, fn, request, ATTEMPTS, self._task_seconds, terms)
         if not self.lanes.put(task):
             raise RuntimeError("The worker pool takes no more tasks.")
@@ -305,7 +295,7 @@ class WorkerPool(Engine):
     def explain(self, error: BaseException, task: Task) -> BaseException:
         """Say what the error of a task means to whoever sent it."""
         remedy = "Send fewer frames or a coarser mesh, or have the limit raised."
-        if isinstance(error, DeadlineError):
+        if isinstance(error, forks.DeadlineError):
             text = f"The work took longer than {self._task_seconds:g} s and was ended."
             limit, most = self._seconds_limit, self._task_seconds
             return LimitError(text, remedy=remedy, limit=limit, details={"most": most})
@@ -313,7 +303,7 @@ class WorkerPool(Engine):
             text = f"The work needs more memory than the {self.memory_bytes} bytes it may take."
             limit, most = "task_memory_bytes", self.memory_bytes
             return LimitError(text, remedy=remedy, limit=limit, details={"most": most})
-        if isinstance(error, SpentError):
+        if isinstance(error, forks.SpentError):
             most = round(task.terms.most_seconds, 1)
             return CostError(
                 f"The work took more than {most:g} s of processor time, many times what a file "
@@ -323,8 +313,8 @@ class WorkerPool(Engine):
                 limit="task_cost_factor",
                 details={"most": most},
             )
-        if isinstance(error, (ProcessLostError, AnswerError)):
-            is_lost = isinstance(error, ProcessLostError)
+        if isinstance(error, (forks.ProcessLostError, answers.AnswerError)):
+            is_lost = isinstance(error, forks.ProcessLostError)
             what = f"ended {ATTEMPTS} times in a row" if is_lost else "gave an unreadable answer"
             return WorkerDiedError(
                 f"The process at work on this {what}.",

@@ -19,11 +19,9 @@ from modalmotion.signature.parameters import (
 )
 from modalmotion.tracking.parameters import USUAL_MODES, TrackParameters
 from modalmotion_service.http.negotiation import PNG
-from modalmotion_service.schemas.queries import ModesRequest
-from modalmotion_service.schemas.requests import EncodingTarget
+from modalmotion_service.schemas import queries, requests
 from modalmotion_service.work.engine import Terms
-from modalmotion_service.work.tasks import classification, sequences, signatures, tracks
-from modalmotion_service.work.tasks.files import Fitted
+from modalmotion_service.work.tasks import classification, files, sequences, signatures, tracks
 from modalmotion_service.work.upload import Upload
 
 # s for a picture, of which the first imports what draws it, and for one of many files.
@@ -103,9 +101,9 @@ def _price(task: Callable[..., Any], args: Sequence[Any]) -> float:
             price += _PACKED * len(one)
         elif isinstance(one, SignatureParameters):
             price += signature_seconds(first, one, kind)
-        elif isinstance(one, ModesRequest):
+        elif isinstance(one, queries.ModesRequest):
             price += 1e-8 * one.modes * size
-        elif isinstance(one, EncodingTarget) and one.bytes is not None:
+        elif isinstance(one, requests.EncodingTarget) and one.bytes is not None:
             price += 4e-3 * min(one.bytes, size)
         elif isinstance(one, TrackParameters) and isinstance(args[0], Path):
             price += 1.5e-6 * (1.0 + (one.modes / USUAL_MODES) ** 2) * first
@@ -131,7 +129,7 @@ def _files(value: Any) -> Iterator[Path | Upload]:
     elif isinstance(value, (list, tuple)):
         for one in value:
             yield from _files(one)
-    elif isinstance(value, (Fitted, CaseFile)):
+    elif isinstance(value, (files.Fitted, CaseFile)):
         yield from _files([*vars(value).values()])
 
 
@@ -148,7 +146,7 @@ def _modes_of(argument: Any) -> int:
     """Most modes that are fitted for it; 0 where there is no fit."""
     if isinstance(argument, SignatureParameters):
         return most_modes(argument)
-    return argument.modes if isinstance(argument, ModesRequest) else 0
+    return argument.modes if isinstance(argument, queries.ModesRequest) else 0
 
 
 def _format(upload: Upload) -> Format | None:

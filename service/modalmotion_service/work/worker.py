@@ -18,9 +18,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
-from modalmotion_service.work.answers import answer_of
-from modalmotion_service.work.engine import PREFIX, Terms
-from modalmotion_service.work.upload import confine_parsers, end_parser
+from modalmotion_service.work import answers, engine, upload
 
 # Of mallopt(3). The C library of the GNU project gives freed memory back to the system above
 # 128 KiB, and takes it back page by page: 900 page faults for each signature of 1 MB in a worker,
@@ -78,24 +76,24 @@ def work(ours: socket.socket, memory_bytes: int, is_batch: bool) -> None:
         os.nice(_NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     keep_freed_memory(_KEPT_BYTES)
-    confine_parsers()
+    upload.confine_parsers()
     answer(ours, b"")
     is_begun = False
-    while prefix := ours.recv(PREFIX, socket.MSG_WAITALL):
+    while prefix := ours.recv(engine.PREFIX, socket.MSG_WAITALL):
         if not is_begun:
             threading.Thread(target=_end_with_server, args=[ours], daemon=True).start()
             is_begun = True
         # From our own server: only answers come from where strangers' files are read.
         request = ours.recv(int.from_bytes(prefix, "little"), socket.MSG_WAITALL)
         function, args, kwargs = pickle.loads(request)  # noqa: S301
-        answer(ours, answer_of(function, args, kwargs))
+        answer(ours, answers.answer_of(function, args, kwargs))
         del request, function, args, kwargs
     os._exit(0)
 
 
 def answer(ours: socket.socket, data: bytes) -> None:
     """Send an answer."""
-    ours.sendall(len(data).to_bytes(PREFIX, "little") + data)
+    ours.sendall(len(data).to_bytes(engine.PREFIX, "little") + data)
 
 
 def _end_with_server(ours: socket.socket) -> None:
@@ -118,7 +116,7 @@ def serve(owner: str, function: Callable[..., Any], *args: Any, **kwargs: Any) -
     if _served and _served[-1] != owner:
         for cache in remembering():
             cache.cache_clear()
-        end_parser()
+        upload.end_parser()
     _served[:] = [owner]
     return function(*args, **kwargs)
 
@@ -136,7 +134,7 @@ def _depends(cache: Any) -> bool:
     return bool(inspect.signature(function).parameters) and function.__name__ not in _OF_NOBODY
 
 
-def payload_of(terms: Terms, function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:
+def payload_of(terms: engine.Terms, function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:
     """Write a task, as one that says whose work it is where it is somebody's."""
     if terms.owner:
         function, args = serve, (terms.owner, function, *args)

@@ -19,7 +19,7 @@ from modalmotion.errors import (
     UnlikeCasesError,
 )
 from modalmotion.mesh import Facts, facts_as_json
-from modalmotion.modes.topology import MESH, SPHERE
+from modalmotion.modes.topologies import MESH, SPHERE
 from modalmotion.progress import Progress, Reporter, silent
 from modalmotion.signature.making import SignatureParameters
 from modalmotion.signature.parameters import parameters_from_json

@@ -13,16 +13,14 @@ from modalmotion.progress import Progress, Reporter
 from modalmotion.store.disk import cannot_write
 from modalmotion_service.errors import ClusterError
 from modalmotion_service.http import negotiation as media
-from modalmotion_service.http.problems import internal_problem, problem_body
-from modalmotion_service.schemas.queries import DecodingRequest
-from modalmotion_service.schemas.requests import CLASS_OF_FILE, ENCODING_OF_FILE, SIGNATURE_OF_FILE
+from modalmotion_service.http import problems
+from modalmotion_service.schemas import queries, requests
 from modalmotion_service.work.tasks import sequences, signatures
 from modalmotion_service.work.tasks.classification import classify_upload
 from modalmotion_service.work.upload import Upload
-from modalmotion_service.workspace import models
+from modalmotion_service.workspace import models, signature_operations
 from modalmotion_service.workspace.operation import Outcome, Request, State, operation
 from modalmotion_service.workspace.recording_operations import encoded, sent
-from modalmotion_service.workspace.signature_operations import SIGNATURE_TYPES
 
 logger = logging.getLogger(__name__)
 
@@ -87,10 +85,10 @@ async def _outcome(task: asyncio.Task[bytes]) -> tuple[bytes, dict[str, object] 
     except (StoreError, ClusterError):
         raise
     except ModalMotionError as error:
-        return b"null", problem_body(error)
+        return b"null", problems.problem_body(error)
     except Exception:
         logger.exception("a file of many failed")
-        return b"null", internal_problem()
+        return b"null", problems.internal_problem()
 
 
 async def _signed(state: State, upload: Upload, request: Request, media_type: str) -> bytes:
@@ -99,14 +97,14 @@ async def _signed(state: State, upload: Upload, request: Request, media_type: st
     return await analysis.work(signatures.sign_upload, upload, parameters, template, media_type)
 
 
-@operation(*SIGNATURE_TYPES, query=SIGNATURE_OF_FILE)
+@operation(*signature_operations.SIGNATURE_TYPES, query=requests.SIGNATURE_OF_FILE)
 async def sent_signature(state: State, request: Request, _: Reporter) -> Outcome:
     """Fit an upload."""
     kind = request.media_type
     return Outcome(await _signed(state, sent(state, request), request, kind), kind)
 
 
-@operation(media.JSON, media.NDJSON, query=SIGNATURE_OF_FILE)
+@operation(media.JSON, media.NDJSON, query=requests.SIGNATURE_OF_FILE)
 async def sent_signatures(state: State, request: Request, report: Reporter) -> Outcome:
     """Fit each of many files that came in one request."""
     state.analysis.template_path(request.query.parameters())
@@ -125,7 +123,7 @@ async def _classified(
     )
 
 
-@operation(query=CLASS_OF_FILE)
+@operation(query=requests.CLASS_OF_FILE)
 async def sent_classification(state: State, request: Request, _: Reporter) -> Outcome:
     """Classify the motion in an upload."""
     model = await asyncio.to_thread(models.choose, state, request.query.model)
@@ -133,7 +131,7 @@ async def sent_classification(state: State, request: Request, _: Reporter) -> Ou
     return Outcome(await _classified(state, upload, model, request.query.coverage))
 
 
-@operation(media.JSON, media.NDJSON, query=CLASS_OF_FILE)
+@operation(media.JSON, media.NDJSON, query=requests.CLASS_OF_FILE)
 async def sent_classifications(state: State, request: Request, report: Reporter) -> Outcome:
     """Classify the motion in each of many files that came in one request."""
     model = await asyncio.to_thread(models.choose, state, request.query.model)
@@ -144,13 +142,13 @@ async def sent_classifications(state: State, request: Request, report: Reporter)
     return await _each(state, request, name, "classification", report)
 
 
-@operation(media.STREAM, query=ENCODING_OF_FILE)
+@operation(media.STREAM, query=requests.ENCODING_OF_FILE)
 async def sent_encoding(state: State, request: Request, report: Reporter) -> Outcome:
     """Encode an upload."""
     return await encoded(state, sent(state, request), request.query.target, report)
 
 
-@operation(media.NPZ, media.VTKHDF, media.RAW, query=DecodingRequest)
+@operation(media.NPZ, media.VTKHDF, media.RAW, query=queries.DecodingRequest)
 async def decoding(state: State, request: Request, _: Reporter) -> Outcome:
     """Decode a stream, or a part of it."""
     frames: range | None = request.query.frames

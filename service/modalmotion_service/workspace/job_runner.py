@@ -22,9 +22,7 @@ from typing import Any, Final
 
 from modalmotion.errors import ModalMotionError, NotFoundError, StoreError
 from modalmotion.progress import Progress, Reporter
-from modalmotion.store.deletion import forget_tombstones
-from modalmotion.store.disk import cannot_write, is_of_the_machine
-from modalmotion.store.index import to_text
+from modalmotion.store import deletion, disk, index
 from modalmotion_service.errors import BusyError, ClusterError, ConflictError, WorkerDiedError
 from modalmotion_service.http.problems import internal_problem, problem_body
 from modalmotion_service.schemas.general import JobState
@@ -53,7 +51,7 @@ def passes(error: BaseException) -> bool:
         return True
     # As Python says that the system has no more threads.
     no_thread = isinstance(error, RuntimeError) and "can't start new thread" in str(error)
-    return no_thread or is_of_the_machine(error)
+    return no_thread or disk.is_of_the_machine(error)
 
 
 def waits() -> Iterator[float]:
@@ -135,10 +133,10 @@ class Retention:
         present = [name for name in old if self.spool.at(name).is_file()]
         for name in present:
             self.spool.remove(name)
-        past = to_text((datetime.now(UTC) - max(self.job_age, self.file_age)).timestamp())
+        past = index.to_text((datetime.now(UTC) - max(self.job_age, self.file_age)).timestamp())
         self.jobs.forget_before(past)
         self.keys.forget_before(past)
-        forget_tombstones(self.root)
+        deletion.forget_tombstones(self.root)
         # What a cancelled task on another machine has written since.
         self.spool.clear(self.needed(), time.time() - _LEFT_SECONDS)
         return len(present)
@@ -332,8 +330,8 @@ class JobRunner:
                 return error
             if isinstance(error, ModalMotionError):
                 problem = problem_body(error)
-            elif is_of_the_machine(error) and isinstance(error, OSError):
-                problem = problem_body(cannot_write(Path(error.filename or "a file"), error))
+            elif disk.is_of_the_machine(error) and isinstance(error, OSError):
+                problem = problem_body(disk.cannot_write(Path(error.filename or "a file"), error))
             else:
                 logger.exception("job failed", extra={"job": job.id}, exc_info=error)
                 problem = internal_problem()

@@ -12,20 +12,17 @@ from typing import Any, Final
 from modalmotion.errors import NotFoundError
 from modalmotion.notes import Note
 from modalmotion.progress import Progress, Reporter, part_of
-from modalmotion.store import SequenceRecord
-from modalmotion.store.index import to_text
+from modalmotion.store import SequenceRecord, index
 from modalmotion_service.errors import ConflictError
 from modalmotion_service.http import negotiation as media
 from modalmotion_service.http.negotiation import attachment, tag_of
-from modalmotion_service.schemas import requests
-from modalmotion_service.schemas.queries import ImagesView, ModesRequest, TrackView
+from modalmotion_service.schemas import queries, requests
 from modalmotion_service.schemas.sequences import ImagesSummary, SequenceSummary, TrackAnswer
 from modalmotion_service.work.tasks import sequences, signatures, tracks
 from modalmotion_service.work.upload import Upload
-from modalmotion_service.workspace import models
+from modalmotion_service.workspace import models, spool
 from modalmotion_service.workspace.jobs import Job, gone, results_of
 from modalmotion_service.workspace.operation import Outcome, Request, State, made, operation
-from modalmotion_service.workspace.spool import SpoolFile
 
 SAMPLE: Final = "Sample heart (simulated)"
 """Name of the simulated heart."""
@@ -133,7 +130,7 @@ async def template_view(state: State, request: Request, _: Reporter) -> Outcome:
     return Outcome(await state.analysis.work(sequences.show_template, path, kind), kind)
 
 
-@operation(media.JSON, media.NPZ, media.HDF5, media.PNG, query=ModesRequest)
+@operation(media.JSON, media.NPZ, media.HDF5, media.PNG, query=queries.ModesRequest)
 async def template_modes(state: State, request: Request, _: Reporter) -> Outcome:
     """Give the vibration modes of a stored template."""
     path = await asyncio.to_thread(state.store.template_path, request.reference)
@@ -153,12 +150,12 @@ async def images(state: State, request: Request, report: Reporter) -> Outcome:
     upload = Upload.at(state.spool.at(request.file), state.settings.image_limits)
     with state.analysis.image() as file:
         read = await state.analysis.followed(report, tracks.ingest_images, upload, file)
-        await asyncio.to_thread(SpoolFile(file).make_durable)
+        await asyncio.to_thread(spool.SpoolFile(file).make_durable)
         record, is_new = await state.analysis.stored(state.store.put_images, file, read)
     return made(ImagesSummary.of(record), link_of_images(record.id), is_new)
 
 
-@operation(media.VIEW, query=ImagesView)
+@operation(media.VIEW, query=queries.ImagesView)
 async def slices(state: State, request: Request, _: Reporter) -> Outcome:
     """Give the slices of one frame of images, and a track's surface in it."""
     images_id, query, track = request.ids[0], request.query, None
@@ -171,7 +168,7 @@ async def slices(state: State, request: Request, _: Reporter) -> Outcome:
 
 def sweep_images(state: State, age: timedelta) -> Sequence[str]:
     """Forget images that nobody has tracked for so long; gives their ids."""
-    past = to_text((datetime.now(UTC) - age).timestamp())
+    past = index.to_text((datetime.now(UTC) - age).timestamp())
     old = state.store.untracked_images(past)
     for images_id in old:
         with contextlib.suppress(NotFoundError):
@@ -238,7 +235,7 @@ async def track(state: State, request: Request, report: Reporter) -> Outcome:
     return made(answer, answer.links["self"], is_new, filled=filled)
 
 
-@operation(media.JSON, media.HDF5, media.PNG, media.VIEW, query=TrackView)
+@operation(media.JSON, media.HDF5, media.PNG, media.VIEW, query=queries.TrackView)
 async def track_view(state: State, request: Request, _: Reporter) -> Outcome:
     """Describe or draw a stored track, or give its file or its data."""
     track_id, kind, store = request.sequence_id, request.media_type, state.store

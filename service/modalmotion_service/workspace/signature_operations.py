@@ -5,12 +5,11 @@ from dataclasses import asdict, replace
 from typing import Final
 
 from modalmotion.exports.signature_pack import SurfaceFormat
-from modalmotion.modes.topology import MESH
+from modalmotion.modes.topologies import MESH
 from modalmotion.progress import Reporter, part_of, silent
+from modalmotion_service.http import negotiation
 from modalmotion_service.http import negotiation as media
-from modalmotion_service.http.negotiation import attachment
-from modalmotion_service.schemas import queries
-from modalmotion_service.schemas.requests import MANY_SIGNATURES, SIGNATURE, ClassificationRequest
+from modalmotion_service.schemas import queries, requests
 from modalmotion_service.schemas.results import ClassificationAnswer
 from modalmotion_service.schemas.signatures import DistanceAnswer
 from modalmotion_service.work.tasks import signatures
@@ -37,7 +36,7 @@ SURFACES: Final = {
 """Formats of surfaces, by media type."""
 
 
-@operation(*SIGNATURE_TYPES, query=SIGNATURE)
+@operation(*SIGNATURE_TYPES, query=requests.SIGNATURE)
 async def signature(state: State, request: Request, report: Reporter) -> Outcome:
     """Fit a signature to a stored sequence and store it, and give it."""
     analysis, sequence_id = state.analysis, request.sequence_id
@@ -54,7 +53,7 @@ async def signature(state: State, request: Request, report: Reporter) -> Outcome
 async def signature_view(state: State, request: Request, report: Reporter) -> Outcome:
     """Give a stored signature, or the usual one of a sequence."""
     body = await shown(state, request.sequence_id, request.key, request.media_type, report)
-    headers = attachment(f"{request.sequence_id[:12]}-signature.h5")
+    headers = negotiation.attachment(f"{request.sequence_id[:12]}-signature.h5")
     return Outcome(
         body, request.media_type, headers=headers if request.media_type == media.HDF5 else {}
     )
@@ -108,7 +107,7 @@ async def reconstruction(state: State, request: Request, report: Reporter) -> Ou
             *(signatures.superpose, one, surface_format),
             *(times, phases, request.query.max_targets),
         )
-    headers = attachment(f"{one.record.id[:12]}-reconstruction{suffix}")
+    headers = negotiation.attachment(f"{one.record.id[:12]}-reconstruction{suffix}")
     return Outcome(output, request.media_type, headers=headers)
 
 
@@ -138,7 +137,7 @@ async def view(state: State, request: Request, report: Reporter) -> Outcome:
             output = await state.analysis.written(
                 signatures.make_frames, one, query.first or 0, query.stop
             )
-    headers = attachment(f"{one.record.id[:12]}.html") if as_page else {}
+    headers = negotiation.attachment(f"{one.record.id[:12]}.html") if as_page else {}
     return Outcome(output, request.media_type, headers=headers)
 
 
@@ -170,7 +169,7 @@ def classification_answer(state: State, kept: models.KeptClassification) -> Clas
     return ClassificationAnswer.of(kept.result, kept.version, file)
 
 
-@operation(query=ClassificationRequest)
+@operation(query=requests.ClassificationRequest)
 async def classification(state: State, request: Request, report: Reporter) -> Outcome:
     """Ask a model for the class of a stored sequence's motion, and store the answer."""
     query, sequence_id = request.query, request.sequence_id
@@ -181,7 +180,7 @@ async def classification(state: State, request: Request, report: Reporter) -> Ou
     return replace(made(classification_answer(state, kept), here, is_new), link=None)
 
 
-@operation(media.NPZ, media.HDF5, media.CSV, query=MANY_SIGNATURES)
+@operation(media.NPZ, media.HDF5, media.CSV, query=requests.MANY_SIGNATURES)
 async def signatures_query(state: State, request: Request, report: Reporter) -> Outcome:
     """Pack the signatures of many sequences into one file, or a table."""
     analysis, ids = state.analysis, list(request.ids)
@@ -201,5 +200,5 @@ async def signatures_query(state: State, request: Request, report: Reporter) -> 
         task = signatures.pack_hdf5 if request.media_type == media.HDF5 else signatures.pack_npz
         output = await analysis.written(task, paths, records)
     suffix = {media.HDF5: "h5", media.NPZ: "npz", media.CSV: "csv"}[request.media_type]
-    headers = attachment(f"signatures.{suffix}")
+    headers = negotiation.attachment(f"signatures.{suffix}")
     return Outcome(output, request.media_type, headers=headers)

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Self
 
-from modalmotion.errors import StoreError
-from modalmotion.mesh import NO_FACTS, Facts
+from modalmotion import errors, mesh
 from modalmotion.store.disk import cannot_write, make_folder, remove_durably, sync_paths
 from modalmotion_service.work.upload import Part
 
@@ -48,7 +47,7 @@ def require_room(folder: Path, n_bytes: int = LEAST_BYTES) -> None:
         raise _cannot_write(folder, errno.ENOSPC)
 
 
-def _cannot_write(folder: Path, number: int) -> StoreError:
+def _cannot_write(folder: Path, number: int) -> errors.StoreError:
     return cannot_write(folder, OSError(number, os.strerror(number)))
 
 
@@ -84,7 +83,7 @@ class Quota:
             If the owner's files took as much as they may when they were last measured.
         """
         if self.most_bytes and self.used_bytes >= self.most_bytes:
-            raise StoreError(
+            raise errors.StoreError(
                 f"Everything that is stored here takes {self.used_bytes:,} bytes, and may take "
                 f"{self.most_bytes:,}.",
                 remedy="DELETE sequences, images, tracks, templates or models that are no longer "
@@ -137,7 +136,7 @@ class SpoolFile:
 
     path: Path
     sha256: str = ""
-    facts: Facts = NO_FACTS
+    facts: mesh.Facts = mesh.NO_FACTS
     is_left: bool = False
     parts: tuple[Part, ...] = ()
 
@@ -205,7 +204,7 @@ class Spool:
         try:
             if self._reserve_bytes:
                 require_room(self.folder, self._reserve_bytes)
-        except StoreError as error:
+        except errors.StoreError as error:
             if error.details.get("errno") == "ENOSPC":
                 error.message += f" Uploads leave {self._reserve_bytes} bytes free."
                 error.details["reserve_bytes"] = self._reserve_bytes

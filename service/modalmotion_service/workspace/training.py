@@ -10,9 +10,9 @@ from typing import Final
 
 from pydantic import TypeAdapter
 
-from modalmotion.classification import CaseFile, TrainingOptions
+from modalmotion import classification, mesh
+from modalmotion.classification import model_files
 from modalmotion.classification.cases import UNUSABLE, LeftOut, case_name
-from modalmotion.classification.model_files import read_kept_model
 from modalmotion.classification.options import FEWER_MODES, OnError
 from modalmotion.errors import (
     LimitError,
@@ -23,19 +23,15 @@ from modalmotion.errors import (
     StoreError,
     named,
 )
-from modalmotion.mesh import Facts
-from modalmotion.modes.topology import MESH
+from modalmotion.modes.topologies import MESH
 from modalmotion.progress import Reporter, part_of
 from modalmotion.signature.making import SignatureKind, SignatureParameters
-from modalmotion.store import ModelRecord, ResultStore
-from modalmotion.store.disk import cannot_write
-from modalmotion.store.folder import require_name
+from modalmotion.store import ModelRecord, ResultStore, disk, folders
 from modalmotion_service.errors import CostError
 from modalmotion_service.schemas.queries import LabelledSequence
 from modalmotion_service.work.tasks.training import Cases, Unfitted, train_model
-from modalmotion_service.workspace.analysis import in_one_basis
+from modalmotion_service.workspace import analysis, spool
 from modalmotion_service.workspace.operation import Case, State
-from modalmotion_service.workspace.spool import SpoolFile, remove_with_beside
 
 _CASES: Final = TypeAdapter(list[Case])
 
@@ -137,14 +133,14 @@ def find_cases(
     for case in sequences:
         record = records[case.id]
         label, subject = case.label or record.label or "", case.subject or record.subject
-        stated = Facts(covariates=case.covariates or {}).over(record.facts)
+        stated = mesh.Facts(covariates=case.covariates or {}).over(record.facts)
         cases.append(Case(case.id, label, subject, dict(stated.covariates)))
-        require_name("label", label or None)
-        require_name("subject", subject)
+        folders.require_name("label", label or None)
+        folders.require_name("subject", subject)
     return cases
 
 
-def write_cases(file: SpoolFile, cases: list[Case]) -> None:
+def write_cases(file: spool.SpoolFile, cases: list[Case]) -> None:
     """Note the cases of a training durably, for its job to read.
 
     Raises
@@ -155,7 +151,7 @@ def write_cases(file: SpoolFile, cases: list[Case]) -> None:
     try:
         file.path.write_bytes(_CASES.dump_json(cases))
     except OSError as error:
-        raise cannot_write(file.path, error) from error
+        raise disk.cannot_write(file.path, error) from error
     file.make_durable()
 
 
@@ -183,7 +179,7 @@ async def train(
     state: State,
     training: str,
     name: str,
-    options: TrainingOptions,
+    options: classification.TrainingOptions,
     cases: list[Case],
     report: Reporter,
 ) -> ModelRecord:
@@ -247,18 +243,18 @@ async def train(
         return asked, await train_with(asked, image)
 
     try:
-        made, n_kept = await in_one_basis(train_with_most, parameters)
+        made, n_kept = await analysis.in_one_basis(train_with_most, parameters)
         is_own = options.topology is None and made.closed_form == parameters.closed_form
         if leaves_out and is_own and n_kept < len(cases):
             # Spring modes are taken where they leave fewer out.
             with contextlib.suppress(ParameterError):
                 if await train_with(replace(parameters, topology=MESH), other) > n_kept:
                     image, other = other, image
-        model, _ = await asyncio.to_thread(read_kept_model, image)
+        model, _ = await asyncio.to_thread(model_files.read_kept_model, image)
         return await asyncio.to_thread(state.store.put_model, model)
     finally:
         for path in (image, other):
-            remove_with_beside(path)
+            spool.remove_with_beside(path)
 
 
 def _may_slide(state: State, cases: list[Case]) -> bool:
@@ -332,6 +328,6 @@ def _cases(cases: list[Case], paths: list[Path | LeftOut]) -> Cases:
     ]
 
 
-def case_file(case: Case, path: Path) -> CaseFile:
+def case_file(case: Case, path: Path) -> classification.CaseFile:
     """Give a case with the file of its signature."""
-    return CaseFile(path, case.id, case.label, case.subject, dict(case.covariates))
+    return classification.CaseFile(path, case.id, case.label, case.subject, dict(case.covariates))

@@ -106,7 +106,7 @@ BEAT: Final = "mesh_sequence(vertices, faces)"
         (lambda: mm.read_images("there is none.nii.gz"), "NIfTI"),  # type: ignore[arg-type]
         (lambda: mm.track("there is none"), "zip or folder"),
         (lambda: mm.track([np.zeros((9, 3))], mode=7), "landmarks"),
-        (lambda: mm.track([np.eye(3)], landmarks={"apex": "x"}), "Give one place (x, y, z)"),
+        (lambda: mm.track([np.eye(3)], landmarks={"apex": "x"}), 'Write {"apex": [x, y, z]'),
         (lambda: mm.save(beat(), "beat.xyz"), ".vtkhdf"),
         (lambda: mm.plot(3), "read(path)"),
         (lambda: face_areas(np.zeros((3, 3)), np.zeros((1, 3))), "array of whole numbers"),  # type: ignore[arg-type]

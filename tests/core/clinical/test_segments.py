@@ -12,7 +12,7 @@ from modalmotion.clinical.segments import RINGS, SEGMENTS, RegionalMotion, regio
 from modalmotion.errors import TopologyError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.signature.making import modal_signature
 from modalmotion.simulate import Acquisition, VentricleParameters, simulate_ventricle
 from modalmotion.simulate.parameters import TERRITORY_CENTRES, Territory

@@ -22,7 +22,7 @@ from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, TORUS
+from modalmotion.modes.topologies import CUP, TORUS
 from modalmotion.notes import Note
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template

@@ -12,7 +12,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.template import make_template
 
 STILL = standard_surface(Lattice(CUP, (24, 48))).vertices[0] * 30.0

@@ -15,7 +15,7 @@ from modalmotion.codec.spatial_modes import Cut
 from modalmotion.codec.temporal import Temporal
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 
 
 def moving(rng: np.random.Generator, n_frames: int, shape: tuple[int, int]) -> NDArray[np.float64]:

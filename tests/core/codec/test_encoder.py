@@ -30,7 +30,7 @@ from modalmotion.codec.frames import fewest_corrections
 from modalmotion.codec.search import least
 from modalmotion.errors import MalformedFileError, ParameterError
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.modes.topology import CUP, CYLINDER, Topology
+from modalmotion.modes.topologies import CUP, CYLINDER, Topology
 from modalmotion.progress import Progress
 
 

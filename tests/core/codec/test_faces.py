@@ -15,7 +15,7 @@ from modalmotion.codec.coder import Coder
 from modalmotion.codec.container import read_faces, write_faces
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh import lattice_faces
-from modalmotion.modes.topology import CYLINDER, TORUS
+from modalmotion.modes.topologies import CYLINDER, TORUS
 
 Ints = NDArray[np.int64]
 

@@ -8,7 +8,7 @@ import scipy
 
 from modalmotion.codec import spatial_modes as lattice_modes
 from modalmotion.codec import temporal as fourier
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8, 13, 30])

@@ -12,7 +12,7 @@ from modalmotion.codec.joined_modes import edges_of, stiffness_of
 from modalmotion.codec.spatial_modes import Cut, PatchModes, read_modes
 from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.mesh import lattice_faces
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 
 Floats = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ from modalmotion.codec.spatial_modes import LatticeModes
 from modalmotion.codec.temporal import Temporal
 from modalmotion.errors import MalformedFileError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 
 Floats = NDArray[np.float64]
 

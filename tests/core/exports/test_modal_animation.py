@@ -9,7 +9,7 @@ from modalmotion.errors import ParameterError
 from modalmotion.exports.animation import modal_animation
 from modalmotion.formats import read_sequence, write_glb
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import at_times, reconstruct
 

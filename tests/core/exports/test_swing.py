@@ -13,7 +13,7 @@ from modalmotion.formats import read_sequence, write_glb
 from modalmotion.limits import DEFAULT_LIMITS
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CYLINDER, parse_label
+from modalmotion.modes.topologies import CYLINDER, parse_label
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.template import Template, make_template
 from modalmotion.template.body_frame import Direction, directions_on

@@ -9,7 +9,7 @@ import numpy as np
 
 from modalmotion.exports.animation import FORM, modes_to_hdf5, modes_to_npz
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import Topology
+from modalmotion.modes.topologies import Topology
 from modalmotion.template.vibration_modes import lattice_modes
 
 

@@ -40,9 +40,9 @@ from modalmotion.errors import (
 from modalmotion.formats import ReadLimits, ReadOptions, read_sequence, write_ply_zip
 from modalmotion.formats.frame import merge_corners
 from modalmotion.formats.frame_files import natural_key, read_series, write_series
-from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.progress import Progress
+from modalmotion.representation import FloatArray
 
 
 @pytest.mark.parametrize("name", MESH_WRITERS)

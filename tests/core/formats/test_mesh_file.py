@@ -32,7 +32,7 @@ from modalmotion.formats.text_meshes import read_obj, read_off, read_stl
 from modalmotion.formats.vtk_legacy import read_vtk_legacy
 from modalmotion.formats.vtk_xml import read_vtk_xml
 from modalmotion.limits import ReadLimits
-from modalmotion.mesh.checks import FloatArray
+from modalmotion.representation import FloatArray
 
 READERS: dict[str, Callable[..., Frame]] = {
     "stl": read_stl,

@@ -28,7 +28,7 @@ from format_samples import (
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats import ParserProcess, ReadLimits, ReadOptions, read_sequence
 from modalmotion.formats.vtk_legacy import numbers_in
-from modalmotion.mesh.checks import FloatArray
+from modalmotion.representation import FloatArray
 
 MIXED = [*FACES.tolist(), [0, 1, 2, 3]]
 

@@ -26,7 +26,7 @@ from modalmotion.mesh.alignment import Rotations
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence, mesh_sequence
 from modalmotion.mesh.spring_modes import Modes, SpringModes
 from modalmotion.modes import lowest_modes
-from modalmotion.modes.topology import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
+from modalmotion.modes.topologies import CLOSED_CURVE, CUP, SPHERE, TORUS, Topology
 from modalmotion.notes import Note
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 from modalmotion.store import (

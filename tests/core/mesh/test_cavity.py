@@ -16,7 +16,7 @@ from template_surfaces import MAKERS
 
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import Cavity, cavity_of, lattice_faces
-from modalmotion.modes.topology import CUP, CYLINDER, SPHERE, TORUS, Topology
+from modalmotion.modes.topologies import CUP, CYLINDER, SPHERE, TORUS, Topology
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from modalmotion.mesh.checks import FloatArray
 from modalmotion.mesh.triangles import first_at_place
+from modalmotion.representation import FloatArray
 
 # Few values, so that vertices meet in some frames and part in others.
 _PATHS = arrays(

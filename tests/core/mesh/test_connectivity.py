@@ -15,7 +15,7 @@ from modalmotion.mesh import (
     lattice_faces,
     oriented_faces,
 )
-from modalmotion.modes.topology import CYLINDER, PLANE, TORUS
+from modalmotion.modes.topologies import CYLINDER, PLANE, TORUS
 
 
 def moebius(n: int = 9) -> np.ndarray:

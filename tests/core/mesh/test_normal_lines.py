@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.geometry import NormalLines, vertex_normals
-from modalmotion.modes.topology import CYLINDER, PLANE
+from modalmotion.modes.topologies import CYLINDER, PLANE
 
 ROWS, COLUMNS = 9, 12
 FACES = lattice_faces(PLANE, (ROWS, COLUMNS))

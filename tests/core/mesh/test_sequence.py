@@ -16,7 +16,7 @@ from modalmotion.errors import (
     TopologyError,
 )
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.modes.topologies import CUP, CYLINDER
 
 TRIANGLE = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], dtype=np.float64)
 

@@ -16,7 +16,7 @@ from modalmotion.mesh import connectivity_of, graph_laplacian
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.mesh.spring_modes import lowest_eigenpairs, spring_modes
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import PLANE
+from modalmotion.modes.topologies import PLANE
 from modalmotion.template import choose_modes, make_template
 
 NO_PROBES = np.zeros((0, 0))

@@ -10,7 +10,7 @@ from modalmotion.mesh import cavity_of, connectivity_of
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.mesh.triangles import step_lengths
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED_CURVE,
     CUP,
     CYLINDER,

@@ -17,7 +17,7 @@ from modalmotion.modes import (
     wave_vectors,
 )
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED,
     CLOSED_CURVE,
     CUP,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.modes import dynamical_matrices, polarised_waves
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import TORUS
+from modalmotion.modes.topologies import TORUS
 
 Constants = dict[tuple[int, ...], NDArray[np.float64]]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import NonFiniteError, ShapeError, TopologyError
 from modalmotion.modes import ModeSet, lowest_modes
 from modalmotion.modes.lattice import Lattice, project, superpose
-from modalmotion.modes.topology import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.modes.topologies import CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
 
 SURFACES = (PLANE, CYLINDER, TORUS, CUP, SPHERE)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from modalmotion.modes.lattice import Lattice, project, project_all, superpose, superpose_all
-from modalmotion.modes.topology import CUP, CYLINDER, TORUS, Topology
+from modalmotion.modes.topologies import CUP, CYLINDER, TORUS, Topology
 
 LIMIT_BYTES = 200e6
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from modalmotion.errors import NonFiniteError, ShapeError
 from modalmotion.modes.lattice import Lattice, project, project_all, superpose, superpose_all
-from modalmotion.modes.topology import CUP, CYLINDER, TORUS, Topology
+from modalmotion.modes.topologies import CUP, CYLINDER, TORUS, Topology
 
 
 @pytest.mark.every(3)

@@ -22,7 +22,7 @@ from modalmotion.modes import (
     step_response,
 )
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CLOSED_CURVE, TORUS
+from modalmotion.modes.topologies import CLOSED_CURVE, TORUS
 
 _spec = importlib.util.spec_from_file_location(
     "extremes_oscillator_rows", ROOT / "tests" / "extremes" / "extremes_oscillator_rows.py"

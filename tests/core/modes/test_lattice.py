@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from modalmotion.errors import LimitError, ParameterError, ShapeError, TopologyError
 from modalmotion.modes import ModeLabel, ModeSet, lowest_modes
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED_CURVE,
     CUP,
     CYLINDER,

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modalmotion.modes import ModeLabel, ModeSet, lowest_modes
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED_CURVE,
     CUP,
     CYLINDER,

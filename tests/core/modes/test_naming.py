@@ -7,7 +7,7 @@ import pytest
 from modalmotion.errors import ParameterError
 from modalmotion.modes import ModeLabel, lowest_modes
 from modalmotion.modes.lattice import modes_named
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CUP,
     CYLINDER,
     OPEN_CURVE,

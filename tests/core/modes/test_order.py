@@ -17,7 +17,7 @@ from modalmotion.mesh.spring_modes import common_count
 from modalmotion.modes import ModeLabel, all_modes, lowest_modes, whole_count
 from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.mode_set import squared_keys
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED,
     CLOSED_CURVE,
     CUP,

@@ -23,7 +23,7 @@ from modalmotion.modes import (
     phase_error,
 )
 from modalmotion.modes.lattice import Lattice, project
-from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.modes.topologies import CUP, CYLINDER
 
 _spec = importlib.util.spec_from_file_location(
     "extremes_oscillator_rows", ROOT / "tests" / "extremes" / "extremes_oscillator_rows.py"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice, project, superpose
-from modalmotion.modes.topology import CLOSED_CURVE, CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
+from modalmotion.modes.topologies import CLOSED_CURVE, CUP, CYLINDER, PLANE, SPHERE, TORUS, Topology
 
 SURFACES = (PLANE, CYLINDER, TORUS, CUP, SPHERE)
 

@@ -19,7 +19,15 @@ from modalmotion.modes import (
     wave_vectors,
 )
 from modalmotion.modes.lattice import Lattice, project
-from modalmotion.modes.topology import CLOSED, CLOSED_CURVE, CUP, CYLINDER, OPEN_CURVE, PLANE, TORUS
+from modalmotion.modes.topologies import (
+    CLOSED,
+    CLOSED_CURVE,
+    CUP,
+    CYLINDER,
+    OPEN_CURVE,
+    PLANE,
+    TORUS,
+)
 
 Array = NDArray[np.float64]
 TOPOLOGIES = [OPEN_CURVE, CLOSED_CURVE, PLANE, CYLINDER, TORUS]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from modalmotion.norm.deviation import group_of, groups_of
+from modalmotion.norm.deviations import group_of, groups_of
 
 
 @pytest.mark.parametrize(

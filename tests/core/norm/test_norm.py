@@ -13,7 +13,7 @@ from scipy.stats import binom
 import modalmotion as mm
 from modalmotion.errors import ModalMotionError, ParameterError
 from modalmotion.norm import Norm, train_norm
-from modalmotion.norm.deviation import attainable, fewest_controls
+from modalmotion.norm.deviations import attainable, fewest_controls
 from modalmotion.simulate import MotionClass
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CLOSED_CURVE, PLANE, TORUS, Topology
+from modalmotion.modes.topologies import CLOSED_CURVE, PLANE, TORUS, Topology
 from modalmotion.pictures.modes import modes_figure
 from modalmotion.template import make_template
 from modalmotion.template.vibration_modes import lattice_modes

@@ -10,7 +10,7 @@ from PIL import Image, ImageSequence
 
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CLOSED_CURVE, CYLINDER, PLANE, Topology
+from modalmotion.modes.topologies import CLOSED_CURVE, CYLINDER, PLANE, Topology
 from modalmotion.pictures.modes import Extent, draw_frames, write_gif
 from modalmotion.template import make_template
 

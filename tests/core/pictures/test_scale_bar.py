@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from modalmotion.pictures.view import draw_scale, round_length
+from modalmotion.pictures.views import draw_scale, round_length
 
 
 @pytest.mark.parametrize(

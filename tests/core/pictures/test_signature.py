@@ -11,7 +11,7 @@ from matplotlib.image import imread
 
 import modalmotion as mm
 from modalmotion.mesh import lattice_faces
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.pictures.signature import main_trajectories, signature_figure
 
 SCALES = {"tiny": 1e-300, "huge": 1e300, "far away": 1.0}

@@ -12,7 +12,7 @@ from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, mesh_sequence, standard_surface
 from modalmotion.modes import lowest_modes
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature
 from modalmotion.template import make_template
 from modalmotion.template.body_frame import Components

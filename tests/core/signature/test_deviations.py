@@ -15,7 +15,7 @@ from modalmotion.clinical.strain import strain
 from modalmotion.mesh import Facts, lattice_faces
 from modalmotion.mesh.checks import Uncertainty
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.signature.distance import compare
 from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
 from modalmotion.signature.making import SignatureKind, SignatureParameters, modal_signature

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.modes import lowest_modes
-from modalmotion.modes.topology import CUP, TORUS
+from modalmotion.modes.topologies import CUP, TORUS
 from modalmotion.signature.distance import resample_to_phase, signature_distance, theta_invariants
 from modalmotion.template.body_frame import Components
 

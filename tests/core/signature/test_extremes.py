@@ -22,7 +22,7 @@ from modalmotion.errors import ModeCountError, TopologyError
 from modalmotion.mesh import vertex_areas
 from modalmotion.mesh.sequence import mesh_sequence
 from modalmotion.modes import ModeLabel, ModeSet, lowest_modes
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.signature.fit import LARGEST_CONDITION, Fit, factored, make_basis
 from modalmotion.template import Template, choose_modes, make_template
 

@@ -12,7 +12,7 @@ from modalmotion.errors import ModeCountError, ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import ModeSet
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER, lattice_coordinates
+from modalmotion.modes.topologies import CUP, CYLINDER, lattice_coordinates
 from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.template import make_template

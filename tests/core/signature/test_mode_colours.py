@@ -7,7 +7,7 @@ from itertools import combinations
 import pytest
 
 from modalmotion.modes import lowest_modes
-from modalmotion.modes.topology import CLOSED_CURVE, CUP, PLANE, SPHERE, Topology
+from modalmotion.modes.topologies import CLOSED_CURVE, CUP, PLANE, SPHERE, Topology
 from modalmotion.signature.mode_names import DASHES, mode_colour, mode_dash, mode_tone
 
 

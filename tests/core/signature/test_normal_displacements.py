@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, mesh_sequence
-from modalmotion.modes.topology import CUP, CYLINDER, Topology
+from modalmotion.modes.topologies import CUP, CYLINDER, Topology
 from modalmotion.signature.making import (
     ModalSignature,
     SignatureKind,

@@ -7,7 +7,7 @@ import pytest
 from template_surfaces import Moving, make_tube, make_ventricle
 
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CUP, CYLINDER
+from modalmotion.modes.topologies import CUP, CYLINDER
 from modalmotion.signature.making import modal_signature
 from modalmotion.signature.parameters import SignatureParameters
 from modalmotion.signature.value import first_modes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.signature.fit import Fitter
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.nested_modes import energies_of, harmonics_of, nested_modes

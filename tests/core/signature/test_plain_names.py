@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from modalmotion.modes import lowest_modes
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED_CURVE,
     CUP,
     CYLINDER,

@@ -101,7 +101,7 @@ def test_all_shared_sequences_without_a_violation() -> None:
 
 
 def modal_topology(path: Path) -> Any:
-    from modalmotion.modes.topology import CLOSED_CURVE, OPEN_CURVE
+    from modalmotion.modes.topologies import CLOSED_CURVE, OPEN_CURVE
 
     return OPEN_CURVE if path.parent.name == "tongue" else CLOSED_CURVE
 

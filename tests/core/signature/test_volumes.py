@@ -8,7 +8,7 @@ import pytest
 from modalmotion.clinical.readouts import clinical_readouts
 from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MEAN, mesh_sequence
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.signature.fit import make_basis, project
 from modalmotion.signature.making import (
     SignatureParameters,

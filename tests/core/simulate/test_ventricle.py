@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import MeshSequence
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.simulate import (
     Acquisition,

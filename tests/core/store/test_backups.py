@@ -27,7 +27,7 @@ from modalmotion.store import ResultStore, backup, rebuild, template_to_hdf5, ve
 from modalmotion.store import backups as backup_module
 from modalmotion.store.deletion import TOMBSTONE_DAYS, buried, was_deleted
 from modalmotion.store.disk import sync_paths
-from modalmotion.store.folder import FORM
+from modalmotion.store.folders import FORM
 from modalmotion.template import make_template
 
 

@@ -23,7 +23,7 @@ from store_samples import (
 
 from modalmotion.errors import NotFoundError
 from modalmotion.store import ResultStore, verify
-from modalmotion.store.folder import Folder
+from modalmotion.store.folders import Folder
 
 WRITER = ROOT / "tests" / "support" / "store_writer.py"
 NUMBERS_A_ROUND = 1_000_000

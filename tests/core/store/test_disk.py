@@ -22,7 +22,7 @@ from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.store import ResultStore, verify, write_atomic
 from modalmotion.store.disk import is_of_the_machine
-from modalmotion.store.folder import Folder
+from modalmotion.store.folders import Folder
 
 
 class BrokenDisk:

@@ -18,7 +18,7 @@ from modalmotion.mesh import NO_FACTS, facts_patched
 from modalmotion.mesh.sequence import sequence_from_hdf5
 from modalmotion.signature.hdf5 import signature_from_hdf5
 from modalmotion.store import ResultStore, rebuild, verify
-from modalmotion.store.folder import record_from, record_of, record_values
+from modalmotion.store.folders import record_from, record_of, record_values
 
 STATED = Facts(
     tracking="normal_displacement",

@@ -46,7 +46,7 @@ from modalmotion.store import (
     restore,
     verify,
 )
-from modalmotion.store.folder import Folder
+from modalmotion.store.folders import Folder
 
 
 @pytest.fixture(scope="module")

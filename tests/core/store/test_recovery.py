@@ -24,7 +24,7 @@ from modalmotion.errors import CorruptFileError, NotFoundError
 from modalmotion.exports.signature_pack import export
 from modalmotion.progress import Progress
 from modalmotion.store import ResultStore, rebuild, template_to_hdf5, verify
-from modalmotion.store.folder import FORM, Folder, ResultName, read_record, record_values
+from modalmotion.store.folders import FORM, Folder, ResultName, read_record, record_values
 from modalmotion.template import make_template
 
 

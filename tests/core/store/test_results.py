@@ -37,7 +37,7 @@ from modalmotion.store import (
     track_to_hdf5,
     verify,
 )
-from modalmotion.store.folder import Folder, track_name
+from modalmotion.store.folders import Folder, track_name
 from modalmotion.template import make_template
 from modalmotion.tracking import Track, track
 

@@ -19,7 +19,7 @@ from store_samples import (
 from modalmotion.errors import StoreError
 from modalmotion.store import ResultStore, rebuild, verify
 from modalmotion.store.database import VERSION, Database
-from modalmotion.store.folder import ResultName, track_name
+from modalmotion.store.folders import ResultName, track_name
 from modalmotion.store.index import Index, put_results
 
 N = 6

@@ -17,7 +17,7 @@ from modalmotion.hdf5.sealed import SEAL_LENGTH, seal
 from modalmotion.notes import Note
 from modalmotion.progress import Progress
 from modalmotion.store import ResultStore, rebuild, sequence_to_hdf5, template_to_hdf5, verify
-from modalmotion.store.folder import Folder, ResultName
+from modalmotion.store.folders import Folder, ResultName
 from modalmotion.template import make_template
 
 

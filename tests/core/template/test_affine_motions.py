@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes import lowest_modes
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CLOSED_CURVE, CUP, CYLINDER, PLANE, SPHERE, Topology
+from modalmotion.modes.topologies import CLOSED_CURVE, CUP, CYLINDER, PLANE, SPHERE, Topology
 from modalmotion.template import Template, make_template
 from modalmotion.template.body_frame import affine_shapes, unit_coordinates
 from modalmotion.template.template import shapes_of

@@ -10,7 +10,7 @@ import pytest
 from modalmotion.errors import TopologyError
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CLOSED_CURVE, CYLINDER, PLANE, SPHERE, TORUS
+from modalmotion.modes.topologies import CLOSED_CURVE, CYLINDER, PLANE, SPHERE, TORUS
 from modalmotion.template import Template, make_template
 from modalmotion.template.body_frame import Direction, directions_on
 

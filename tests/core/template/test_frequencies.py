@@ -9,7 +9,7 @@ import pytest
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.template import make_template
 from modalmotion.template.vibration_modes import surface_modes
 

@@ -12,7 +12,7 @@ from template_surfaces import MAKERS, cup_points, make_ventricle, sheet_points
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import PLANE
+from modalmotion.modes.topologies import PLANE
 from modalmotion.template import GivenLandmarks, Landmarks, make_template
 
 

@@ -11,7 +11,7 @@ from template_surfaces import MAKERS, Moving, describe, shared, sheet
 
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
-from modalmotion.modes.topology import CUP, SPHERE, Topology
+from modalmotion.modes.topologies import CUP, SPHERE, Topology
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.template import make_template, require_same_mesh, template_id
 

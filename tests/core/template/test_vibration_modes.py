@@ -9,7 +9,7 @@ from modalmotion.errors import ModeCountError, ParameterError
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes import ModeLabel
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CLOSED_CURVE, CUP, CYLINDER, TORUS, Topology, parse_label
+from modalmotion.modes.topologies import CLOSED_CURVE, CUP, CYLINDER, TORUS, Topology, parse_label
 from modalmotion.template import Template, make_template
 from modalmotion.template.vibration_modes import (
     lattice_modes,

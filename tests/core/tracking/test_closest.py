@@ -8,7 +8,7 @@ from clouds import Floats
 
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.tracking.closest import closest_points
 
 

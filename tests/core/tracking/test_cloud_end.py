@@ -10,7 +10,7 @@ from clouds import Floats
 
 from modalmotion.mesh import lattice_faces
 from modalmotion.mesh.sequence import mesh_sequence
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.template import make_template
 from modalmotion.tracking.closest import closest_points
 from modalmotion.tracking.deformable import Deformable, Rim, rim_of

@@ -9,7 +9,7 @@ from clouds import breathing_spheroid, ends_of, rim_of, sampled
 from modalmotion.mesh.geometry import lid_gradient, volume_gradient
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, track
 from modalmotion.tracking.quality_checks import volume_deviation

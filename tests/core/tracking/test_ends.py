@@ -8,7 +8,7 @@ from clouds import Floats, breathing_spheroid, rim_of, rms_distance, sampled
 
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, SPHERE
+from modalmotion.modes.topologies import CUP, SPHERE
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, track
 from modalmotion.tracking.deformable import Deformable, rim_at

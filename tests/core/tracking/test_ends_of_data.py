@@ -12,7 +12,7 @@ from clouds import Floats, breathing_spheroid, ends_of, rim_of, rms_distance, sa
 
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP, CYLINDER, PLANE
+from modalmotion.modes.topologies import CUP, CYLINDER, PLANE
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, of_surface, track
 from modalmotion.tracking.deformable import Deformable, rim_at

@@ -12,7 +12,7 @@ from clouds import Floats, breathing_spheroid, ends_of, rim_of, rms_distance, sa
 from modalmotion.errors import InputError, ShapeError
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, track
 from modalmotion.tracking.deformable import require_volume

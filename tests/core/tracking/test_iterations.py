@@ -11,7 +11,7 @@ from clouds import breathing_spheroid, rim_of, sampled
 from modalmotion.mesh.geometry import vertex_normals
 from modalmotion.mesh.sequence import standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import SPHERE
+from modalmotion.modes.topologies import SPHERE
 from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation

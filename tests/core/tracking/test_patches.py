@@ -7,7 +7,7 @@ import pytest
 
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CLOSED_CURVE, SPHERE
+from modalmotion.modes.topologies import CLOSED_CURVE, SPHERE
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable, alike_over
 

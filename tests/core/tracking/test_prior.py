@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from modalmotion.modes import lowest_modes
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.tracking.noise import Prior, most_likely_prior
 
 LENGTHS = (80.0, 130.0)

@@ -13,7 +13,7 @@ from clouds import Floats, breathing_spheroid, rim_of, sampled
 from modalmotion.errors import ShapeError
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking import track
 from modalmotion.tracking.quality_checks import notes_on

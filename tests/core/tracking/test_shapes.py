@@ -9,7 +9,7 @@ from clouds import ends_of, rim_of, sampled
 from modalmotion.mesh import cavity_of
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.template import make_template
 from modalmotion.tracking import Observation, Track, track
 from modalmotion.tracking.hdf5 import track_from_hdf5, track_to_hdf5

@@ -24,7 +24,7 @@ from modalmotion.images import ImageSequence, Volume
 from modalmotion.mesh import Cavity
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CYLINDER
+from modalmotion.modes.topologies import CYLINDER
 from modalmotion.tracking import image_frames, track
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.image_view import Facets, Imaging, Levels, View, view_of

@@ -21,7 +21,7 @@ from modalmotion.codec import decode, encode
 from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import mesh_sequence, standard_surface
 from modalmotion.modes.lattice import Lattice
-from modalmotion.modes.topology import CUP
+from modalmotion.modes.topologies import CUP
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import fitted_on, reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle

@@ -20,7 +20,7 @@ from modalmotion.errors import LimitError, ParameterError
 from modalmotion.mesh import Facts, lattice_faces
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes.mode_set import ModeSet
-from modalmotion.modes.topology import CUP, Topology
+from modalmotion.modes.topologies import CUP, Topology
 from modalmotion.signature.making import SignatureParameters, modal_signature
 from modalmotion.signature.reconstruction import reconstruct
 from modalmotion.simulate import Acquisition, simulate_ventricle

@@ -3,8 +3,6 @@
 Of slices only what places and times them is read; of a study's instance only its header.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import struct
@@ -12,12 +10,12 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, needs_extra
 from modalmotion.formats.result import Parsed
 from modalmotion.formats.volumes.stack import damaged, declared_bytes, scaled
 from modalmotion.limits import ReadLimits
+from modalmotion.representation import Floats
 
 _PLAIN: Final = "Export it without compression (Explicit VR Little Endian)."
 
@@ -198,7 +196,7 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
 
 
 class _Slice(NamedTuple):
-    affine: NDArray[np.float64]
+    affine: Floats
     # Slope and intercept.
     scale: tuple[float, float]
     info: dict[str, Any]
@@ -247,7 +245,7 @@ def _no_slice() -> MalformedFileError:
     )
 
 
-def _vector(values: Any, n: int) -> NDArray[np.float64]:
+def _vector(values: Any, n: int) -> Floats:
     found = np.array([float(v) for v in values], dtype=np.float64)
     if len(found) != n or not np.isfinite(found).all():
         raise MalformedFileError(

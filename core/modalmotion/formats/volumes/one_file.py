@@ -4,8 +4,6 @@ NIfTI is read and written by nibabel: the sform over the qform. The header of NR
 pynrrd, that of MetaImage from its documentation: raw or zlib. Directions are turned to LPS once.
 """
 
-from __future__ import annotations
-
 import gzip
 import io
 import math
@@ -13,23 +11,15 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ShapeError, needs_extra
-from modalmotion.formats.frame_files import stored_zip
-from modalmotion.formats.result import Parsed
-from modalmotion.formats.volumes.stack import (
-    RAS_TO_LPS,
-    damaged,
-    parsed,
-    regular,
-    samples,
-    timed,
-)
+from modalmotion.formats import frame_files, result
+from modalmotion.formats.volumes import stack
 from modalmotion.images import ImageSequence, PlaneSet, Volume
 from modalmotion.limits import ReadLimits
 from modalmotion.notes import Note
 from modalmotion.numeric.unpacking import Packing, unpacked_head
+from modalmotion.representation import Array, Floats
 
 _NIFTI_MM: Final = {"mm": 1.0, "meter": 1e3, "micron": 1e-3, "unknown": 1.0}
 
@@ -39,7 +29,7 @@ _NIFTI_HEAD: Final = 540
 _NIFTI_REMEDY: Final = "Write it again as one .nii or .nii.gz of a volume, or of volumes over time."
 
 
-def parse_nifti(data: bytes, limits: ReadLimits) -> Parsed:
+def parse_nifti(data: bytes, limits: ReadLimits) -> result.Parsed:
     """Read a .nii or .nii.gz from bytes.
 
     Raises
@@ -52,11 +42,11 @@ def parse_nifti(data: bytes, limits: ReadLimits) -> Parsed:
     is_packed = data[:2] == b"\x1f\x8b"
     head = unpacked_head(data, "gzip", _NIFTI_HEAD) if is_packed else data[:_NIFTI_HEAD]
     kind = nibabel.Nifti2Header if head[4:7] == b"n+2" else nibabel.Nifti1Header
-    with damaged("The NIfTI file is damaged.", _NIFTI_REMEDY, "nibabel", "nibabel.global"):
+    with stack.damaged("The NIfTI file is damaged.", _NIFTI_REMEDY, "nibabel", "nibabel.global"):
         return _nifti_of(kind(head[: kind.template_dtype.itemsize]), data, limits, is_packed)
 
 
-def _nifti_of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> Parsed:
+def _nifti_of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> result.Parsed:
     kind, shape = header.get_data_dtype(), header.get_data_shape()
     if kind.names or kind.kind not in "iuf":
         raise MalformedFileError("The voxels are colours or complex numbers.", remedy=_NIFTI_REMEDY)
@@ -68,7 +58,7 @@ def _nifti_of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> 
     n_frames, offset = int(full[3]), int(header.get_data_offset())
     limits.require("frames", n_frames)
     slope, intercept = header.get_slope_inter()
-    values = samples(
+    values = stack.samples(
         *(data, kind, full[:4], limits),
         start=0 if is_packed else offset,
         packing="gzip" if is_packed else None,
@@ -76,15 +66,15 @@ def _nifti_of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> 
         scale=(1.0, 0.0) if slope is None else (float(slope), float(intercept)),
     )
     length, duration = header.get_xyzt_units()
-    to_lps = RAS_TO_LPS * _NIFTI_MM.get(length, 1.0)
+    to_lps = stack.RAS_TO_LPS * _NIFTI_MM.get(length, 1.0)
     affine = to_lps @ np.asarray(header.get_best_affine(), dtype=np.float64)[:3]
     notes: list[Note] = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):
         notes.append(Note.of("nifti_position_unknown"))
     zooms = header.get_zooms()
     interval = float(zooms[3]) if len(zooms) > 3 else 0.0
-    times = timed(regular(interval, n_frames), duration, "NIfTI", notes)
-    return parsed(np.moveaxis(values, 3, 0), affine, times, notes)
+    times = stack.timed(stack.regular(interval, n_frames), duration, "NIfTI", notes)
+    return stack.parsed(np.moveaxis(values, 3, 0), affine, times, notes)
 
 
 def write_nifti(images: ImageSequence) -> bytes:
@@ -119,13 +109,13 @@ def write_nifti_zip(images: ImageSequence) -> bytes:
             files[f"plane_{p:02d}.nii.gz"] = _nifti(values, affine, images)
     else:
         files["volumes.nii.gz"] = write_nifti(images)
-    return stored_zip(files)
+    return frame_files.stored_zip(files)
 
 
-def _nifti(frames: list[NDArray[Any]], affine: NDArray[np.float64], images: ImageSequence) -> bytes:
+def _nifti(frames: list[Array], affine: Floats, images: ImageSequence) -> bytes:
     with needs_extra("images"):
         import nibabel
-    full = np.vstack([RAS_TO_LPS @ affine, [0.0, 0.0, 0.0, 1.0]])
+    full = np.vstack([stack.RAS_TO_LPS @ affine, [0.0, 0.0, 0.0, 1.0]])
     image = nibabel.Nifti1Image(np.stack(frames, axis=-1), full)
     image.set_sform(full, code=1)
     image.set_qform(None, code=0)
@@ -171,7 +161,7 @@ _nrrd: Final = partial(
 )
 
 
-def parse_nrrd(data: bytes, limits: ReadLimits) -> Parsed:
+def parse_nrrd(data: bytes, limits: ReadLimits) -> result.Parsed:
     """Read a .nrrd or .seq.nrrd from bytes.
 
     Raises
@@ -181,7 +171,7 @@ def parse_nrrd(data: bytes, limits: ReadLimits) -> Parsed:
     """
     with needs_extra("images"):
         import nrrd
-    with damaged("The NRRD file is damaged.", str(_nrrd.keywords["remedy"]), "nrrd"):
+    with stack.damaged("The NRRD file is damaged.", str(_nrrd.keywords["remedy"]), "nrrd"):
         stream, lines = io.BytesIO(data), []
         for line in stream:
             if not line.strip():
@@ -194,7 +184,7 @@ def parse_nrrd(data: bytes, limits: ReadLimits) -> Parsed:
         return _nrrd_of(header, _nrrd_samples(header, data, stream.tell(), limits), limits)
 
 
-def _nrrd_samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> NDArray[Any]:
+def _nrrd_samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> Array:
     if any(name in header for name in _DETACHED):
         raise _nrrd("The samples are in another file.")
     encoding = str(header["encoding"]).lower()
@@ -210,7 +200,7 @@ def _nrrd_samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> N
     if len(sizes) != int(header["dimension"]):
         raise _nrrd("The NRRD file has other 'sizes' than axes.")
     packing: Packing | None = "gzip" if encoding in _GZIP else None
-    return samples(data, kind, sizes, limits, start=start, packing=packing)
+    return stack.samples(data, kind, sizes, limits, start=start, packing=packing)
 
 
 def _type(name: str) -> np.dtype[Any]:
@@ -222,7 +212,7 @@ def _type(name: str) -> np.dtype[Any]:
     return np.dtype(f"{'u' if plain.startswith('u') else 'i'}{_BYTES[word]}")
 
 
-def _nrrd_of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
+def _nrrd_of(header: Any, values: Array, limits: ReadLimits) -> result.Parsed:
     if values.ndim not in (3, 4):
         raise _nrrd(f"The NRRD file has {values.ndim} axes, not space and time.")
     notes: list[Note] = []
@@ -269,11 +259,11 @@ def _nrrd_of(header: Any, values: NDArray[Any], limits: ReadLimits) -> Parsed:
     if interval is None:
         times, unit = _times(header, other, spacings, len(frames))
     else:
-        times = regular(interval, len(frames))
-    return parsed(frames, affine, timed(times, unit, "NRRD", notes), notes)
+        times = stack.regular(interval, len(frames))
+    return stack.parsed(frames, affine, stack.timed(times, unit, "NRRD", notes), notes)
 
 
-def _scales(units: Any, notes: list[Note]) -> NDArray[np.float64]:
+def _scales(units: Any, notes: list[Note]) -> Floats:
     """Read mm for each unit of the three directions."""
     words = [str(unit).strip().lower() for unit in units][:3] if units is not None else [""] * 3
     if len(words) < 3 or not set(words) <= set(_MM):
@@ -283,7 +273,7 @@ def _scales(units: Any, notes: list[Note]) -> NDArray[np.float64]:
 
 
 def _times(
-    header: Any, other: list[int], spacings: NDArray[np.float64], n: int
+    header: Any, other: list[int], spacings: Floats, n: int
 ) -> tuple[list[float] | None, str | None]:
     """Read times as Slicer lists them, or by the spacing of the axis, and their unit."""
     unit = header.get("axis 0 index unit", header.get("axis 0 unit"))
@@ -292,7 +282,7 @@ def _times(
         return [float(word) for word in listed], unit
     if unit is None and other and "units" in header:
         unit = header["units"][other[0]]
-    return regular(float(spacings[other[0]]) if other else 0.0, n), unit
+    return stack.regular(float(spacings[other[0]]) if other else 0.0, n), unit
 
 
 _METAIMAGE_TYPES: Final = {
@@ -307,7 +297,7 @@ _metaimage: Final = partial(
 )
 
 
-def parse_metaimage(data: bytes, limits: ReadLimits) -> Parsed:
+def parse_metaimage(data: bytes, limits: ReadLimits) -> result.Parsed:
     """Read a .mha of three axes, or four with time the last.
 
     Raises
@@ -315,11 +305,11 @@ def parse_metaimage(data: bytes, limits: ReadLimits) -> Parsed:
     MalformedFileError
         If it is no such image.
     """
-    with damaged("The MetaImage file is damaged.", str(_metaimage.keywords["remedy"])):
+    with stack.damaged("The MetaImage file is damaged.", str(_metaimage.keywords["remedy"])):
         return _parse(data, limits)
 
 
-def _parse(data: bytes, limits: ReadLimits) -> Parsed:
+def _parse(data: bytes, limits: ReadLimits) -> result.Parsed:
     keys, start = _metaimage_header(data)
     if keys.get("ElementDataFile") != "LOCAL":
         raise _metaimage("The samples are in another file.")
@@ -341,7 +331,7 @@ def _parse(data: bytes, limits: ReadLimits) -> Parsed:
         _numbers(keys, (f"ElementToIntensityFunction{name}",), [otherwise])[0]
         for name, otherwise in (("Slope", 1.0), ("Offset", 0.0))
     )
-    values = samples(
+    values = stack.samples(
         data,
         np.dtype((">" if is_big else "<") + _METAIMAGE_TYPES[keys["ElementType"]]),
         *(size, limits),
@@ -359,8 +349,10 @@ def _parse(data: bytes, limits: ReadLimits) -> Parsed:
     limits.require("frames", len(frames))
     # The format has no field for a unit of time.
     notes: list[Note] = []
-    times = timed(regular(spacing[3] if n == 4 else 0.0, len(frames)), None, "MetaImage", notes)
-    return parsed(frames, affine, times, notes)
+    times = stack.timed(
+        stack.regular(spacing[3] if n == 4 else 0.0, len(frames)), None, "MetaImage", notes
+    )
+    return stack.parsed(frames, affine, times, notes)
 
 
 def _metaimage_header(data: bytes) -> tuple[dict[str, str], int]:

@@ -1,7 +1,5 @@
 """Images from files: one file, or a folder or zip of them."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Callable, Mapping
@@ -15,11 +13,9 @@ from typing import Final
 import numpy as np
 
 from modalmotion.errors import InputError, MalformedFileError, ShapeError, needs_extra
-from modalmotion.formats.detect import Format, detect_format
+from modalmotion.formats import detect, npz, result
 from modalmotion.formats.frame_files import is_hidden, natural_key, opened
-from modalmotion.formats.npz import UNREADABLE
 from modalmotion.formats.parser_process import ParserProcess
-from modalmotion.formats.result import Answer, Parser
 from modalmotion.formats.volumes.stack import Slice, grouped
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.images.volume import Image, slices_of
@@ -66,7 +62,7 @@ def holds_images(source: bytes | Path) -> bool:
         source = min(inside)
     # What is wrong with it is said by its reader.
     with (
-        suppress(*UNREADABLE),
+        suppress(*npz.UNREADABLE),
         source.open("rb") if isinstance(source, Path) else io.BytesIO(source) as file,
     ):
         head = file.read(_HEAD)
@@ -88,7 +84,7 @@ def read_images(
     source: bytes | Path,
     *,
     limits: ReadLimits | None = None,
-    parser: Parser | None = None,
+    parser: result.Parser | None = None,
     progress: Reporter | None = None,
 ) -> ImageSequence:
     """Read volumes over time, or sets of planes, in LPS mm.
@@ -118,7 +114,7 @@ def read_images(
     return _read(source, parser, progress)
 
 
-def _read(source: bytes | Path, parser: Parser, progress: Reporter | None) -> ImageSequence:
+def _read(source: bytes | Path, parser: result.Parser, progress: Reporter | None) -> ImageSequence:
     if isinstance(source, Path) and source.is_dir():
         paths = (path for path in source.rglob("*") if path.is_file())
         files = {str(path.relative_to(source)): path.read_bytes for path in paths}
@@ -128,7 +124,7 @@ def _read(source: bytes | Path, parser: Parser, progress: Reporter | None) -> Im
     except OSError as error:
         raise _malformed(f"It cannot be read: {error.strerror}.") from error
     kind = kind_of_image(data)
-    if kind is None and detect_format(data) is Format.ZIP:
+    if kind is None and detect.detect_format(data) is detect.Format.ZIP:
         with opened(data, parser) as archive:
             return _of_files(archive.files, archive, progress)
     if kind is None:
@@ -139,7 +135,7 @@ def _read(source: bytes | Path, parser: Parser, progress: Reporter | None) -> Im
 
 
 def _of_files(
-    files: Mapping[str, Callable[[], bytes]], parser: Parser, progress: Reporter | None
+    files: Mapping[str, Callable[[], bytes]], parser: result.Parser, progress: Reporter | None
 ) -> ImageSequence:
     names = sorted((name for name in files if _counts(name)), key=natural_key)
     slices: list[Slice] = []
@@ -181,14 +177,14 @@ def _of_files(
     return replace(found, notes=(*found.notes, *notes))
 
 
-def _parsed(kind: str, data: bytes, parser: Parser) -> Answer:
+def _parsed(kind: str, data: bytes, parser: result.Parser) -> result.Answer:
     with needs_extra("images"):
         if kind in _PACKAGES and find_spec(_PACKAGES[kind]) is None:
             raise ModuleNotFoundError(name=_PACKAGES[kind])
     return parser.parse(kind, data)
 
 
-def _sequence(answer: Answer) -> ImageSequence:
+def _sequence(answer: result.Answer) -> ImageSequence:
     affine = answer.arrays["affine"]
     frames = tuple(Volume(values, affine) for values in answer.arrays["values"])
     times = answer.info["times"]
@@ -196,7 +192,7 @@ def _sequence(answer: Answer) -> ImageSequence:
     return ImageSequence(frames, at, notes=notes_from_json(answer.info["notes"]))
 
 
-def _slices(answer: Answer) -> list[Slice]:
+def _slices(answer: result.Answer) -> list[Slice]:
     values, affines = answer.arrays["values"], answer.arrays["affine"]
     shared = {name: answer.info[name] for name in ("series", "patient", "space")}
     rows = zip(values, affines, answer.info["slices"], strict=True)

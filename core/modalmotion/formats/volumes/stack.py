@@ -3,8 +3,6 @@
 Slices are put together by series, orientation and position to planes, by trigger time to phases.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 import warnings
@@ -15,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalmotion.errors import MalformedFileError, ModalMotionError, ShapeError
 from modalmotion.formats.result import Parsed
@@ -23,7 +20,7 @@ from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.limits import ReadLimits
 from modalmotion.notes import Note, notes_as_json
 from modalmotion.numeric.unpacking import Packing, unpacked
-from modalmotion.representation import counted
+from modalmotion.representation import Array, Bytes, Floats, Singles, counted
 
 
 @contextmanager
@@ -66,8 +63,8 @@ RAS_TO_LPS: Final = np.diag([-1.0, -1.0, 1.0])
 
 
 def parsed(
-    values: NDArray[Any],
-    affine: NDArray[np.float64],
+    values: Array,
+    affine: Floats,
     times: Sequence[float] | None,
     notes: Sequence[Note] = (),
 ) -> Parsed:
@@ -129,7 +126,7 @@ def samples(
     packing: Packing | None = None,
     head: int = 0,
     scale: tuple[float, float] = (1.0, 0.0),
-) -> NDArray[Any]:
+) -> Array:
     """Read as many samples as a header declares, the first index fastest.
 
     Parameters
@@ -154,7 +151,7 @@ def samples(
         If there are too many.
     """
     n_bytes = declared_bytes(shape, kind.itemsize, limits, is_scaled=scale != (1.0, 0.0))
-    held: bytes | NDArray[np.uint8] = data
+    held: bytes | Bytes = data
     if packing is not None:
         limits.require("decompressed_bytes", head + n_bytes)
         held, start = unpacked(data, packing, head + n_bytes, start), head
@@ -167,11 +164,11 @@ def samples(
     return scaled(values, *scale)
 
 
-def scaled(values: NDArray[Any], slope: float, intercept: float) -> NDArray[Any]:
+def scaled(values: Array, slope: float, intercept: float) -> Array:
     """Apply slope and intercept; stored numbers stay as they are where these change nothing."""
     if slope == 1.0 and intercept == 0.0:
         return values
-    plain: NDArray[np.float32] = np.multiply(values, np.float32(slope), dtype=np.float32)
+    plain: Singles = np.multiply(values, np.float32(slope), dtype=np.float32)
     plain += np.float32(intercept)
     return plain
 
@@ -208,8 +205,8 @@ _REGULAR: Final = 0.1
 class Slice:
     """One slice: samples (i, j), affine (3, 4) and what was said of it."""
 
-    values: NDArray[Any]
-    affine: NDArray[np.float64]
+    values: Array
+    affine: Floats
     info: dict[str, Any]
 
     @property
@@ -275,7 +272,7 @@ def _in_time(group: list[Slice], notes: list[Note]) -> list[Slice]:
     return sorted(group, key=lambda own: own.info["number"] or 0.0)
 
 
-def _times(kept: list[list[Slice]], n: int) -> tuple[NDArray[np.float64] | None, float | None]:
+def _times(kept: list[list[Slice]], n: int) -> tuple[Floats | None, float | None]:
     """Mean times over the planes, s, from 0, and the period."""
     rows = [[own.info["trigger_ms"] for own in group] for group in kept]
     full = [row for row in rows if all(t is not None for t in row) and len(set(row)) == n]

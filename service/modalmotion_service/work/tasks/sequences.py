@@ -7,22 +7,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion import store
-from modalmotion.codec import decode, encode
-from modalmotion.errors import LimitError
+from modalmotion import codec, errors, simulate, store
 from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz
 from modalmotion.formats import ReadLimits, write_npz, write_raw, write_vtkhdf
 from modalmotion.mesh.facts import Facts
 from modalmotion.progress import Stopwatch, part_of
 from modalmotion.signature.making import SignatureParameters, resolve_parameters, resolve_template
-from modalmotion.simulate import Acquisition, simulate_ventricle
 from modalmotion.template.vibration_modes import surface_modes
 from modalmotion_service.http.negotiation import HDF5, NPZ, PNG, RAW, VTKHDF
-from modalmotion_service.schemas.general import ReadingAnswer
-from modalmotion_service.schemas.queries import ModesRequest
-from modalmotion_service.schemas.requests import EncodingTarget
-from modalmotion_service.schemas.results import EncodedAnswer
-from modalmotion_service.schemas.signatures import ModesAnswer, TemplateAnswer
+from modalmotion_service.schemas import general, queries, requests, results, signatures
 from modalmotion_service.work.tasks.files import ProgressFile, png_of, write_whole
 from modalmotion_service.work.upload import Upload
 
@@ -32,7 +25,7 @@ _SHARES: Final = {"read": 0.7, "image": 0.2}
 
 def ingest(
     upload: Upload, image: Path, progress: Path
-) -> tuple[store.SequenceRecord, ReadingAnswer]:
+) -> tuple[store.SequenceRecord, general.ReadingAnswer]:
     """Read an upload, check it, and write it as a sequence's HDF5 image.
 
     `progress` is a `ProgressFile`.
@@ -50,13 +43,13 @@ def ingest(
     with watch.stage("image"):
         record = store.record_of(reading.sequence, created="", has_upload=True)
         write_whole(image, store.upload_image(reading.sequence))
-    return record, ReadingAnswer.of(reading)
+    return record, general.ReadingAnswer.of(reading)
 
 
 def sample(image: Path) -> store.SequenceRecord:
     """Simulate a healthy left ventricle and write it as a sequence's HDF5 image."""
-    beat = simulate_ventricle(
-        grid=(24, 48), acquisition=Acquisition(noise=0.3), rng=np.random.default_rng(1994)
+    beat = simulate.simulate_ventricle(
+        grid=(24, 48), acquisition=simulate.Acquisition(noise=0.3), rng=np.random.default_rng(1994)
     )
     write_whole(image, store.upload_image(beat))
     return store.record_of(beat, created="", has_upload=True)
@@ -99,10 +92,10 @@ def restated(
 
 
 def encode_sequence(
-    source: Upload | Path, target: EncodingTarget, output: Path, progress: Path
-) -> EncodedAnswer:
+    source: Upload | Path, target: requests.EncodingTarget, output: Path, progress: Path
+) -> results.EncodedAnswer:
     """Write an upload or a kept sequence as a compressed stream; `progress` is a `ProgressFile`."""
-    found = encode(
+    found = codec.encode(
         store.sequence_from_hdf5(source) if isinstance(source, Path) else source.read().sequence,
         rms=target.rms,
         max_error=target.max_error,
@@ -111,7 +104,7 @@ def encode_sequence(
         progress=part_of(ProgressFile(progress).write, 0.0, 1.0, "encoding"),
     )
     write_whole(output, found.data)
-    return EncodedAnswer.of(found)
+    return results.EncodedAnswer.of(found)
 
 
 def decode_upload(
@@ -122,7 +115,7 @@ def decode_upload(
     output: Path,
 ) -> None:
     """Decode a compressed stream and write its sequence: npz, VTKHDF or raw float32."""
-    sequence = decode(upload.read_bytes(), frames=frames, limits=limits)
+    sequence = codec.decode(upload.read_bytes(), frames=frames, limits=limits)
     write = {NPZ: write_npz, VTKHDF: write_vtkhdf, RAW: write_raw}[media_type]
     write_whole(output, write(sequence))
 
@@ -137,7 +130,7 @@ _MOST_NUMBERS_AS_JSON: Final = 2_000_000
 
 def make_template(
     upload: Upload, parameters: SignatureParameters, image: Path, progress: Path
-) -> TemplateAnswer:
+) -> signatures.TemplateAnswer:
     """Make the template of an upload and write its HDF5 image.
 
     `progress` is a `ProgressFile`.
@@ -150,7 +143,7 @@ def make_template(
         template = resolve_template(sequence, resolved, report=report)
     with watch.stage("image"):
         write_whole(image, store.template_to_hdf5(template))
-    return TemplateAnswer.of(template)
+    return signatures.TemplateAnswer.of(template)
 
 
 def show_template(path: Path, media_type: str) -> bytes:
@@ -160,10 +153,10 @@ def show_template(path: Path, media_type: str) -> bytes:
         from modalmotion.pictures.modes import template_figure
 
         return png_of(template_figure(template))
-    return TemplateAnswer.of(template).model_dump_json().encode()
+    return signatures.TemplateAnswer.of(template).model_dump_json().encode()
 
 
-def modes_of_template(path: Path, query: ModesRequest, media_type: str) -> bytes:
+def modes_of_template(path: Path, query: queries.ModesRequest, media_type: str) -> bytes:
     """Give a kept template's vibration modes as JSON, npz, HDF5 or PNG."""
     template = store.template_from_hdf5(path)
     _require_room(template.n_vertices * query.modes, _MOST_NUMBERS)
@@ -176,12 +169,12 @@ def modes_of_template(path: Path, query: ModesRequest, media_type: str) -> bytes
         return (modes_to_npz if media_type == NPZ else modes_to_hdf5)(modes)
     if query.shapes:
         _require_room(modes.shapes.size, _MOST_NUMBERS_AS_JSON)
-    return ModesAnswer.of(template, modes, query.shapes).model_dump_json().encode()
+    return signatures.ModesAnswer.of(template, modes, query.shapes).model_dump_json().encode()
 
 
 def _require_room(n_numbers: int, most: int) -> None:
     if n_numbers > most:
-        raise LimitError(
+        raise errors.LimitError(
             f"The shapes of these modes are {n_numbers} numbers; one answer contains {most}.",
             remedy="Ask for fewer modes, or for npz or HDF5 in place of JSON.",
             limit="shapes",

@@ -11,27 +11,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion import store
+from modalmotion import clinical, errors, reports, store
 from modalmotion.classification.answer import classification_from_hdf5
-from modalmotion.clinical import clinical_readouts
 from modalmotion.clinical.ventricle import ventricle_readouts
-from modalmotion.errors import InputError, LimitError, ParameterError
-from modalmotion.exports.signature_pack import SurfaceFormat, write_pack, write_superposed
-from modalmotion.exports.tables import Recording, amplitude_table, cohort_table, frame_table
+from modalmotion.exports import signature_pack, tables
 from modalmotion.formats import ReadLimits
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.progress import Stopwatch
-from modalmotion.reports import Report, fhir_json, report_of, report_pdf
-from modalmotion.reports.dicom import dicom_zip, read_study
-from modalmotion.signature.distance import Comparison, compare
-from modalmotion.signature.making import ModalSignature, SignatureParameters, modal_signature
-from modalmotion.signature.tradeoff import as_plain, measure_tradeoff
+from modalmotion.reports import dicom
+from modalmotion.signature import distance, making, tradeoff
 from modalmotion.template.body_frame import Components
-from modalmotion.viewer.page import View, view_page
-from modalmotion.viewer.payload import frames_payload
+from modalmotion.viewer import page, payload
 from modalmotion_service.http.negotiation import CSV, FHIR, HDF5, JSON, NPZ, PDF, PNG, RAW
 from modalmotion_service.schemas.results import ReadoutsAnswer
 from modalmotion_service.schemas.signatures import SignatureAnswer, TradeoffAnswer
@@ -52,7 +45,7 @@ _SHARES: Final = {"load": 0.05, "template": 0.5, "fit": 0.3, "notes": 0.05, "ima
 
 def sign(
     sequence: Path,
-    parameters: SignatureParameters,
+    parameters: making.SignatureParameters,
     template: Path | None,
     track: Path | None,
     image: Path,
@@ -67,17 +60,17 @@ def sign(
     with watch.stage("load"):
         loaded = loaded_sequence(sequence, track)
         named = named_template(template)
-    signature = modal_signature(loaded, parameters, template=named, watch=watch)
+    signature = making.modal_signature(loaded, parameters, template=named, watch=watch)
     with watch.stage("image"):
         write_whole(image, store.signature_image(signature))
 
 
 def sign_upload(
-    upload: Upload, parameters: SignatureParameters, template: Path | None, media_type: str
+    upload: Upload, parameters: making.SignatureParameters, template: Path | None, media_type: str
 ) -> bytes:
     """Fit an upload and write its signature out."""
     sequence = upload.read().sequence
-    signature = modal_signature(sequence, parameters, template=named_template(template))
+    signature = making.modal_signature(sequence, parameters, template=named_template(template))
     if media_type == PNG:
         return _as_png(signature, sequence)
     return _SIGNATURE_WRITERS[media_type](signature)
@@ -97,9 +90,9 @@ def signature_as(one: Fitted, media_type: str) -> bytes:
     return _SIGNATURE_WRITERS[media_type](signature)
 
 
-def compare_signatures(a: Fitted, b: Fitted, closed: bool) -> Comparison:
+def compare_signatures(a: Fitted, b: Fitted, closed: bool) -> distance.Comparison:
     """Compare two signatures."""
-    return compare(
+    return distance.compare(
         store.signature_from_hdf5(a.signature),
         store.signature_from_hdf5(b.signature),
         closed=closed,
@@ -134,7 +127,7 @@ def pack_hdf5(signatures: list[Path], records: list[store.SequenceRecord], outpu
     """Pack the trajectories of many signatures into one HDF5 file, laid out as an export."""
     loaded = map(store.signature_from_hdf5, signatures)
     with whole_file(output) as temporary:
-        write_pack(temporary, zip(loaded, records, strict=True))
+        signature_pack.write_pack(temporary, zip(loaded, records, strict=True))
 
 
 def tabulate(
@@ -153,35 +146,35 @@ def tabulate(
         signature = replace(store.signature_from_hdf5(path), facts=record.facts)
         readouts = None
         if sequence is not None:
-            with contextlib.suppress(InputError):
+            with contextlib.suppress(errors.InputError):
                 stated = store.sequence_from_hdf5(sequence).with_facts(record.facts)
-                readouts = clinical_readouts(signature, stated, template=used)
-        rows.append(Recording(record.id, signature, readouts, record.subject, record.label))
-    write_whole(output, cohort_table(rows).to_csv().encode())
+                readouts = clinical.clinical_readouts(signature, stated, template=used)
+        rows.append(tables.Recording(record.id, signature, readouts, record.subject, record.label))
+    write_whole(output, tables.cohort_table(rows).to_csv().encode())
 
 
-def _as_npz(signature: ModalSignature) -> bytes:
+def _as_npz(signature: making.ModalSignature) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **_trajectory(signature))
     return buffer.getvalue()
 
 
-def _as_png(signature: ModalSignature, sequence: MeshSequence) -> bytes:
+def _as_png(signature: making.ModalSignature, sequence: MeshSequence) -> bytes:
     from modalmotion.pictures.signature import signature_figure
 
     return png_of(signature_figure(sequence, signature))
 
 
-_SIGNATURE_WRITERS: Final[dict[str, Callable[[ModalSignature], bytes]]] = {
+_SIGNATURE_WRITERS: Final[dict[str, Callable[[making.ModalSignature], bytes]]] = {
     JSON: lambda one: SignatureAnswer.of(one).model_dump_json().encode(),
     HDF5: store.signature_to_hdf5,
     NPZ: _as_npz,
-    CSV: lambda one: amplitude_table(one).to_csv().encode(),
+    CSV: lambda one: tables.amplitude_table(one).to_csv().encode(),
     RAW: lambda one: single_precision(one.amplitudes, "An amplitude").tobytes(),
 }
 
 
-def _trajectory(signature: ModalSignature) -> dict[str, Any]:
+def _trajectory(signature: making.ModalSignature) -> dict[str, Any]:
     arrays: dict[str, Any] = {
         "amplitudes": signature.amplitudes,
         "modes": np.array([str(label) for label in signature.modes.labels]),
@@ -209,16 +202,16 @@ def read_out(one: Fitted, how: str) -> bytes:
         If the strain is asked for, and the surface has none.
     """
     fitted, loaded, named = one.read_signature(), one.read_sequence(), one.read_template()
-    result = clinical_readouts(fitted, loaded, template=named)
+    result = clinical.clinical_readouts(fitted, loaded, template=named)
     if how == PNG:
         return png_of(volume_figure(result))
     ventricle = ventricle_readouts(fitted, loaded, result, template=named)
     if how == CSV:
-        return frame_table(fitted, result, ventricle).to_csv().encode()
+        return tables.frame_table(fitted, result, ventricle).to_csv().encode()
     answer = ReadoutsAnswer.of(result, ventricle)
     if how == STRAIN:
         if answer.strain is None:
-            raise ParameterError(
+            raise errors.ParameterError(
                 " ".join(map(str, ventricle.reasons)) or "The surface is no wall with a strain.",
                 remedy="Ask for the strain of a surface with coordinates along and around it.",
             )
@@ -232,7 +225,7 @@ _TRADE_SHARES: Final = {"template": 0.1, "front": 0.5, "scene": 0.05, "choice": 
 
 def measure_trade(
     sequence: Path,
-    parameters: SignatureParameters,
+    parameters: making.SignatureParameters,
     front_modes: int,
     components: Components | None,
     template: Path | None,
@@ -245,7 +238,7 @@ def measure_trade(
 
     `progress` is a `ProgressFile`.
     """
-    found = measure_tradeoff(
+    found = tradeoff.measure_tradeoff(
         store.sequence_from_hdf5(sequence).with_facts(facts),
         parameters,
         most_modes=front_modes,
@@ -259,12 +252,12 @@ def measure_trade(
 
             tradeoff_figure(found).savefig(temporary, format="png")
         else:
-            temporary.write_text(TradeoffAnswer(**as_plain(found)).model_dump_json())
+            temporary.write_text(TradeoffAnswer(**tradeoff.as_plain(found)).model_dump_json())
 
 
 def superpose(
     one: Fitted,
-    surface_format: SurfaceFormat,
+    surface_format: signature_pack.SurfaceFormat,
     times: list[float] | None,
     phases: list[float] | int | None,
     max_targets: int | None,
@@ -273,7 +266,7 @@ def superpose(
     """Write the surfaces that a signature represents."""
     write_whole(
         output,
-        write_superposed(
+        signature_pack.write_superposed(
             store.signature_from_hdf5(one.signature),
             store.sequence_from_hdf5(one.sequence),
             surface_format,
@@ -289,23 +282,23 @@ def make_report(one: Fitted, media_type: str, classification: Path | None) -> by
     """Report on a signature, as FHIR, PDF or a table; the same bytes every time."""
     report = _report(one, classification)
     if media_type == PDF:
-        return report_pdf(replace(report, name=one.title))
+        return reports.report_pdf(replace(report, name=one.title))
     if media_type == CSV:
-        table = frame_table(report.signature, report.readouts, report.ventricle)
+        table = tables.frame_table(report.signature, report.readouts, report.ventricle)
         return table.to_csv().encode()
-    return fhir_json(report)
+    return reports.fhir_json(report)
 
 
 def make_dicom(
     one: Fitted, instance: Path, limits: ReadLimits, classification: Path | None, output: Path
 ) -> None:
     """Write a report on a signature as a zip of objects of an instance's study."""
-    study = read_study(instance, parser=parser_for(limits))
-    write_whole(output, dicom_zip(_report(one, classification), study))
+    study = dicom.read_study(instance, parser=parser_for(limits))
+    write_whole(output, dicom.dicom_zip(_report(one, classification), study))
 
 
-def _report(one: Fitted, classification: Path | None) -> Report:
-    return report_of(
+def _report(one: Fitted, classification: Path | None) -> reports.Report:
+    return reports.report_of(
         store.signature_from_hdf5(one.signature),
         one.read_sequence(),
         issued=datetime.fromisoformat(one.record.created),
@@ -341,7 +334,7 @@ def make_view(one: Fitted, as_page: bool, output: Path) -> None:
 
 
 def _view(one: Fitted, *, as_page: bool) -> bytes:
-    view = View(
+    view = page.View(
         store.signature_from_hdf5(one.signature),
         one.read_sequence(),
         template=one.read_template(),
@@ -351,7 +344,7 @@ def _view(one: Fitted, *, as_page: bool) -> bytes:
     if not as_page:
         return replace(view, is_tracked=track is not None).payload()
     data = None if track is None else store.track_from_hdf5(track).data
-    return view_page([replace(view, data=data)]).encode()
+    return page.view_page([replace(view, data=data)]).encode()
 
 
 def make_frames(one: Fitted, first: int, stop: int | None, output: Path) -> None:
@@ -369,11 +362,11 @@ def make_frames(one: Fitted, first: int, stop: int | None, output: Path) -> None
     frames = range(loaded.n_frames)[first:stop]
     size = 6 * loaded.n_vertices * len(frames)
     if size > MOST_FRAME_BYTES and len(frames) > 1:
-        raise LimitError(
+        raise errors.LimitError(
             f"{len(frames)} frames take {size} bytes; an answer has at most {MOST_FRAME_BYTES}.",
             remedy="Ask for fewer frames at a time: first and stop name them.",
             limit="view_frame_bytes",
             details={"value": size, "most": MOST_FRAME_BYTES},
         )
     named = one.read_template()
-    write_whole(output, frames_payload(loaded, fitted, first, stop, template=named))
+    write_whole(output, payload.frames_payload(loaded, fitted, first, stop, template=named))

@@ -6,23 +6,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from modalmotion import store
-from modalmotion.errors import InputError, NotFoundError, ParameterError
-from modalmotion.images import ImageSequence
-from modalmotion.images.hdf5 import read_images_file, write_images
-from modalmotion.mesh import Facts
-from modalmotion.notes import Note
+from modalmotion import errors, mesh, notes, store
+from modalmotion.images import ImageSequence, hdf5
 from modalmotion.progress import Stopwatch
-from modalmotion.tracking import Track, recordings
-from modalmotion.tracking.label_maps import from_labels
-from modalmotion.tracking.label_values import is_label_map
+from modalmotion.tracking import Track, label_maps, label_values, reading, recordings
 from modalmotion.tracking.parameters import TrackParameters
-from modalmotion.tracking.reading import recorded_images
-from modalmotion.viewer.container import slices_payload
-from modalmotion.viewer.page import data_payload
+from modalmotion.viewer import container, page
 from modalmotion_service.http.negotiation import HDF5, PNG, VIEW
-from modalmotion_service.schemas.queries import TrackView
-from modalmotion_service.schemas.sequences import TrackAnswer, TrackEstimate
+from modalmotion_service.schemas import queries, sequences
 from modalmotion_service.work.tasks.files import ProgressFile, png_of, whole_file, write_whole
 from modalmotion_service.work.upload import Upload
 
@@ -33,12 +24,12 @@ _SHARES: Final = {"read": 0.1, "track": 0.8, "image": 0.05}
 def follow(
     source: Upload | Path,
     parameters: TrackParameters,
-    facts: Facts,
+    facts: mesh.Facts,
     start: Path | None,
     sequence: Path,
     track: Path,
     progress: Path,
-) -> tuple[store.SequenceRecord, TrackEstimate]:
+) -> tuple[store.SequenceRecord, sequences.TrackEstimate]:
     """Track a surface through an upload or kept images, and write its sequence's and its own image.
 
     `progress` is a `ProgressFile`.
@@ -52,7 +43,7 @@ def follow(
     watch = Stopwatch(_SHARES, ProgressFile(progress).write)
     with watch.stage("read") as report:
         if isinstance(source, Path):
-            recorded = recorded_images(read_images_file(source))
+            recorded = reading.recorded_images(hdf5.read_images_file(source))
         else:
             recorded = source.observed(parameters.labels, facts.coordinates, report)
         surface = None if start is None else store.sequence_from_hdf5(start)
@@ -64,7 +55,7 @@ def follow(
         record = store.record_of(result.sequence, created="", has_upload=True)
         write_whole(sequence, store.upload_image(result.sequence))
         write_whole(track, store.track_image(result))
-        estimate = TrackEstimate.of(result)
+        estimate = sequences.TrackEstimate.of(result)
     return record, estimate
 
 
@@ -73,7 +64,7 @@ def show_track(
     record: store.SequenceRecord,
     images_id: str | None,
     images: Path | None,
-    query: TrackView,
+    query: queries.TrackView,
     media_type: str,
 ) -> bytes:
     """Describe or draw a kept track, or give its file or its data.
@@ -95,29 +86,29 @@ def show_track(
         return store.track_to_hdf5(replace(track, sequence=track.sequence.with_facts(record.facts)))
     if media_type == VIEW:
         if track.data is None:
-            raise NotFoundError(
+            raise errors.NotFoundError(
                 "The track keeps none of the data that it was tracked through.",
                 remedy="Track the recording again: some of its points are kept since.",
             )
-        return data_payload(track.data)
+        return page.data_payload(track.data)
     if media_type == PNG:
         return _drawn(track, query, images)
-    answer = TrackAnswer.joined(TrackEstimate.of(track), record, images_id)
+    answer = sequences.TrackAnswer.joined(sequences.TrackEstimate.of(track), record, images_id)
     return answer.model_dump_json().encode()
 
 
-def _drawn(track: Track, query: TrackView, images: Path | None) -> bytes:
+def _drawn(track: Track, query: queries.TrackView, images: Path | None) -> bytes:
     from modalmotion.pictures import track as figures
 
     if images is not None:
-        return png_of(figures.overlay_figure(track, read_images_file(images)))
+        return png_of(figures.overlay_figure(track, hdf5.read_images_file(images)))
     if query.picture == "data":
         return png_of(figures.data_figure(track))
     if query.picture == "determined":
         return png_of(figures.determined_figure(track))
     frame = figures.usual_frame(track) if query.frame is None else query.frame
     if frame >= track.n_frames:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The picture is to show frame {frame}, but there are {track.n_frames} (0 to "
             f"{track.n_frames - 1}).",
             remedy="Name a frame, counted from 0.",
@@ -136,21 +127,21 @@ def ingest_images(upload: Upload, file: Path, progress: Path) -> store.ImagesRec
     with watch.stage("read") as report:
         images = upload.images(report)
     with watch.stage("image"), whole_file(file) as temporary:
-        write_images(temporary, images)
+        hdf5.write_images(temporary, images)
     return _with_ends(store.images_record_of(images), images)
 
 
 def _with_ends(record: store.ImagesRecord, images: ImageSequence) -> store.ImagesRecord:
     """Add apex and base that a segmentation proposes, or why it proposes none."""
-    if not is_label_map(images):
+    if not label_values.is_label_map(images):
         return record
     try:
-        made = from_labels(images)
-    except InputError as error:
+        made = label_maps.from_labels(images)
+    except errors.InputError as error:
         return replace(
             record,
             is_label_map=True,
-            notes=(*record.notes, Note.of("not_computed", reason=error.message)),
+            notes=(*record.notes, notes.Note.of("not_computed", reason=error.message)),
         )
     ends: dict[str, Any] = {
         name: tuple(
@@ -165,4 +156,4 @@ def _with_ends(record: store.ImagesRecord, images: ImageSequence) -> store.Image
 def show_slices(path: Path, frame: int, track: Path | None) -> bytes:
     """Give the slices of a frame of kept images, as the page reads them, and a track's surface."""
     made = None if track is None else store.track_from_hdf5(track)
-    return slices_payload(read_images_file(path), frame, made)
+    return container.slices_payload(hdf5.read_images_file(path), frame, made)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from modalmotion.errors import TopologyError
-from modalmotion.modes.topology import (
+from modalmotion.modes.topologies import (
     CLOSED,
     CLOSED_CURVE,
     CUP,

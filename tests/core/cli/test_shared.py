@@ -12,8 +12,8 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from modalmotion.cli import main, options
-from modalmotion.cli.options import OutputFile, OutputFolder, aligned, described, write_picture
+from modalmotion.cli import main, shared
+from modalmotion.cli.shared import OutputFile, OutputFolder, aligned, described, write_picture
 from modalmotion.errors import StoreError
 
 
@@ -196,7 +196,7 @@ def test_two_outputs_are_two_files(tmp_path: Path) -> None:
 def test_pictures_need_matplotlib_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(options, "find_spec", lambda _: None)
+    monkeypatch.setattr(shared, "find_spec", lambda _: None)
     for words in (
         ("signature", "absent", "--plot", "a.png"),
         ("modes", "absent", "-o", "a.svg"),

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from modalmotion.errors import needs_extra
-from modalmotion.mesh import face_normals, oriented_faces
+from modalmotion import errors, mesh
 from modalmotion.representation import Bools, Floats
 from modalmotion.template.template import Template
 
@@ -29,7 +28,7 @@ def new_figure(width: float, height: float, **options: Any) -> Figure:
     MissingExtraError
         If matplotlib is not installed.
     """
-    with needs_extra("plot"):
+    with errors.needs_extra("plot"):
         from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), **{"dpi": 120, "layout": "constrained", **options})
@@ -96,10 +95,10 @@ def tilted(view: Floats, tilt: float = _TILT) -> Floats:
 
 def faces_viewer(vertices: Floats, template: Template) -> Bools:
     """Triangles whose outside is visible: all of a sheet, which has no outside."""
-    faces = oriented_faces(template.faces, len(vertices))
+    faces = mesh.oriented_faces(template.faces, len(vertices))
     if faces is None or not template.topology.closed_axes:
         return np.ones(len(template.faces), dtype=np.bool_)
-    normals = face_normals(vertices, faces)
+    normals = mesh.face_normals(vertices, faces)
     centres = vertices[faces].mean(axis=1)
     outward = float(np.einsum("ij,ij->", normals, centres - centres.mean(axis=0)))
     towards: Bools = normals[:, 1] * np.sign(outward) < 0

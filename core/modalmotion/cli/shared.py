@@ -1,7 +1,5 @@
 """Options that several commands share, what they print, and the files they write."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 import json
@@ -29,12 +27,10 @@ from typing import (
 
 import click
 
-from modalmotion.errors import needs_extra
+from modalmotion import errors, formats, notes
 from modalmotion.exports.reading import PICTURES as PICTURES
 from modalmotion.exports.reading import write_picture as write_picture
-from modalmotion.formats import ReadOptions
 from modalmotion.mesh.sequence import MEAN, Reference
-from modalmotion.notes import Note
 from modalmotion.representation import numeral, plain
 from modalmotion.signature.parameters import USUAL_MODES, SignatureParameters
 
@@ -111,7 +107,7 @@ class OutputFolder(click.Path):
 
 def require_matplotlib() -> None:
     """Refuse pictures where nothing draws them."""
-    with needs_extra("plot"):
+    with errors.needs_extra("plot"):
         if find_spec("matplotlib") is None:
             raise ModuleNotFoundError(name="matplotlib")
 
@@ -384,7 +380,7 @@ mode_options = options_of(
 
 surface_options = several(
     options_of(SignatureParameters, "topology", group=FIT),
-    options_of(ReadOptions, "grid", group=FIT),
+    options_of(formats.ReadOptions, "grid", group=FIT),
 )
 fit_options = several(
     mode_options,
@@ -520,7 +516,7 @@ def tell(
 
 def _plain(value: object) -> object:
     """Give what JSON has a form for."""
-    return asdict(value) if isinstance(value, Note) else str(value)
+    return asdict(value) if isinstance(value, notes.Note) else str(value)
 
 
 labelled_sources = several(

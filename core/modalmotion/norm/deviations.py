@@ -7,8 +7,6 @@ floor(a (n + 1)) / (n + 1) whatever the distribution: no Gaussian is believed (V
 Shafer, Algorithmic Learning in a Random World, 2005, full conformal prediction).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

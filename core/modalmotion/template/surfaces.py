@@ -1,7 +1,5 @@
 """A prepared reference surface: triangles, areas, moments, openings, and its topology."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -9,10 +7,9 @@ from typing import Final
 import numpy as np
 import scipy
 
-from modalmotion.errors import TopologyError
-from modalmotion.mesh import Connectivity, connectivity_of, oriented_faces, vertex_areas
-from modalmotion.mesh.triangles import corners_of, face_areas, face_gradients, step_lengths
-from modalmotion.modes.topology import (
+from modalmotion import errors, mesh
+from modalmotion.mesh import triangles
+from modalmotion.modes.topologies import (
     CLOSED,
     CLOSED_CURVE,
     CUP,
@@ -43,11 +40,11 @@ class Surface:
     vertices: Floats
     faces: Ints
     areas: Floats
-    connectivity: Connectivity
+    connectivity: mesh.Connectivity
 
-    def moved_to(self, vertices: Floats) -> Surface:
+    def moved_to(self, vertices: Floats) -> "Surface":
         """Give the same triangles at other places, (vertices, 3)."""
-        return replace(self, vertices=vertices, areas=vertex_areas(vertices, self.faces))
+        return replace(self, vertices=vertices, areas=mesh.vertex_areas(vertices, self.faces))
 
     @property
     def area(self) -> float:
@@ -72,7 +69,7 @@ class Surface:
     @cached_property
     def wound_faces(self) -> Ints | None:
         """Triangles wound the same way round: see `oriented_faces`."""
-        return oriented_faces(self.faces, len(self.vertices))
+        return mesh.oriented_faces(self.faces, len(self.vertices))
 
     @property
     def isolated(self) -> Ints:
@@ -80,7 +77,7 @@ class Surface:
         return self.connectivity.isolated
 
     @cached_property
-    def openings(self) -> tuple[Opening, ...]:
+    def openings(self) -> "tuple[Opening, ...]":
         """The boundary loops, the longest first."""
         openings = [Opening.of(self.vertices, loop) for loop in self.connectivity.loops]
         return tuple(sorted(openings, key=lambda opening: -opening.length))
@@ -110,7 +107,7 @@ class Opening:
     edges: Ints
 
     @staticmethod
-    def of(vertices: Floats, loop: Ints) -> Opening:
+    def of(vertices: Floats, loop: Ints) -> "Opening":
         """Measure a loop of edges, (edges, 2)."""
         a, b = vertices[loop[:, 0]], vertices[loop[:, 1]]
         lengths = np.linalg.norm(b - a, axis=1)
@@ -163,9 +160,9 @@ def surface_of(vertices: Floats, faces: Ints) -> Surface:
     vertices : (vertices, 3) float64, scaled
     faces : (faces, 3) int64
     """
-    connectivity = connectivity_of(faces, len(vertices))
+    connectivity = mesh.connectivity_of(faces, len(vertices))
     proper: Ints = np.delete(faces, connectivity.left_out, axis=0)
-    return Surface(vertices, proper, vertex_areas(vertices, proper), connectivity)
+    return Surface(vertices, proper, mesh.vertex_areas(vertices, proper), connectivity)
 
 
 # Times that the difference from the mean shape is averaged over neighbours. More leave no less
@@ -242,7 +239,7 @@ def axis_lengths(
         0 along an axis without extent.
     """
     if topology.n_axes == 1 and grid is None:
-        return (float(step_lengths(surface.vertices, topology).sum()),)
+        return (float(triangles.step_lengths(surface.vertices, topology).sum()),)
     if topology.n_axes == 2 and surface.area > 0:
         first = _from_gradients(surface, coordinates[:, 0], topology.ends[0] == CLOSED)
         if End.POLE in topology.ends[0]:
@@ -257,9 +254,9 @@ def axis_lengths(
 
 
 def _from_gradients(surface: Surface, coordinate: Floats, closed: bool) -> float:
-    areas = face_areas(surface.vertices, surface.faces)
+    areas = triangles.face_areas(surface.vertices, surface.faces)
     values = corner_steps(coordinate, surface.faces) if closed else coordinate
-    gradients = face_gradients(surface.vertices, surface.faces, values)
+    gradients = triangles.face_gradients(surface.vertices, surface.faces, values)
     mean = float((areas * np.linalg.norm(gradients, axis=1)).sum() / areas.sum())
     return 1.0 / mean if mean > 0 else 0.0
 
@@ -364,7 +361,7 @@ def require_fit(surface: Surface, stated: Topology) -> None:
         Naming the actual connectivity and the topologies that fit it.
     """
     if not len(surface.faces):
-        raise TopologyError(
+        raise errors.TopologyError(
             f"A {stated} was stated, but nothing joins the {len(surface.vertices)} vertices.",
             remedy="Send triangles, or the shape of the lattice that the vertices form (grid).",
         )
@@ -380,7 +377,7 @@ def require_fit(surface: Surface, stated: Topology) -> None:
     if stated in possible:
         return
     names = " or ".join(topology.name for topology in possible)
-    raise TopologyError(
+    raise errors.TopologyError(
         f"A {stated} was stated, but the mesh has {connectivity.describe()}. {reason}".strip(),
         remedy=f"State {names}, or leave the topology out."
         if possible
@@ -396,7 +393,7 @@ def _is_shallow(surface: Surface) -> bool:
     wound = surface.wound_faces
     if wound is None:
         return False
-    a, b, c = corners_of(surface.vertices, wound)
+    a, b, c = triangles.corners_of(surface.vertices, wound)
     twice = np.cross(b - a, c - a).sum(axis=0)
     span = float(np.linalg.norm(twice)) / 2.0
     return surface.area < 2.0 * span * (1.0 - _HEMISPHERE)

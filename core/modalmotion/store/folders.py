@@ -24,8 +24,6 @@
 `ab` are the first two digits of the id, so that no folder grows too large to list.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -33,9 +31,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
+from modalmotion import errors, mesh
 from modalmotion.classification.card import NAME_PATTERN, VERSION_PATTERN, ModelReference
-from modalmotion.errors import ParameterError, StoreError
-from modalmotion.mesh import NO_FACTS, Facts, facts_as_json, facts_from_json
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import is_readable, shown
 from modalmotion.store.disk import JsonForm, is_temporary
@@ -180,7 +177,7 @@ class Folder:
                 place, name = self._sorted(path)
                 scan[place].add(name)
         except OSError as error:
-            raise StoreError(
+            raise errors.StoreError(
                 f"The folder of the store cannot be read: {error.strerror}.",
                 remedy="Check the disk, and that this user may read it.",
             ) from error
@@ -305,7 +302,7 @@ class SequenceRecord:
     label: str | None
     created: str
     has_upload: bool
-    facts: Facts = NO_FACTS
+    facts: mesh.Facts = mesh.NO_FACTS
     span: float | None = None
     name: str | None = None
 
@@ -340,7 +337,7 @@ def record_to_json(record: SequenceRecord) -> bytes:
 def record_values(record: SequenceRecord) -> dict[str, Any]:
     """Values of a record by name, facts as JSON has them."""
     values = {field.name: getattr(record, field.name) for field in fields(record)}
-    return {**values, "facts": facts_as_json(record.facts)}
+    return {**values, "facts": mesh.facts_as_json(record.facts)}
 
 
 def read_record(path: Path) -> SequenceRecord:
@@ -360,7 +357,7 @@ def read_record(path: Path) -> SequenceRecord:
 
 def record_from(values: dict[str, Any]) -> SequenceRecord:
     """Make a record of `record_values`, lists for tuples; without facts where there are none."""
-    grid, facts = values["grid"], facts_from_json(values.get("facts", {}))
+    grid, facts = values["grid"], mesh.facts_from_json(values.get("facts", {}))
     return SequenceRecord(
         **{**values, "grid": None if grid is None else tuple(grid), "facts": facts}
     )
@@ -377,13 +374,13 @@ def require_name(name: str, text: str | None) -> str | None:
     if text is None:
         return None
     if len(text) > LONGEST_NAME:
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The {name} has {len(text)} characters, more than {LONGEST_NAME}.",
             remedy="Use a short name.",
             details={"longest": LONGEST_NAME},
         )
     if not is_readable(text):
-        raise ParameterError(
+        raise errors.ParameterError(
             f"The {name} {text[:40]!a} contains control characters, or was not sent in UTF-8.",
             remedy="Use letters, digits, signs and spaces.",
         )
