@@ -387,7 +387,8 @@ def _named(surface: Deformable, name: str) -> tuple[Ints, Floats]:
     if name not in ("apex", "base") or not template.coordinates.shape[1]:
         return none, np.zeros(0)
     s, x = template.coordinates[:, 0], template.vertices
-    sides, _ = rim_at(surface, name)
+    sides, _ = surface.rim_sides
+    sides = sides[(np.abs(s - (0.0 if name == "apex" else 1.0)) < NEAR_END)[sides].all(axis=1)]
     if len(sides):
         length = np.linalg.norm(x[sides[:, 0]] - x[sides[:, 1]], axis=1)
         total = np.bincount(sides.ravel(), np.repeat(length, 2), minlength=len(x))

@@ -233,10 +233,11 @@ def _most_likely(
     seen: _Seen, surface: Deformable, frames: tuple[Frame, ...], here: Iteration
 ) -> _Likely:
     """6. Prior and noise under which the frames are the most likely, and the frames once more."""
-    prior, noise, _ = evidence(surface, here, first_guess(surface)[0])
+    is_exact, (before, _) = seen.pinned is not None, first_guess(surface)
+    prior, noise, _ = evidence(surface, here, before, is_exact=is_exact)
     starts = amplitudes_of(surface, here)
     here = frames_at_rest(surface, frames, prior, noise, seen.paths, seen.done, starts)
-    return _Likely(here, *evidence(surface, here, prior))
+    return _Likely(here, *evidence(surface, here, prior, is_exact=is_exact))
 
 
 def _all_frames(

@@ -155,11 +155,16 @@ def paths_from(first: int, n: int, *, is_closed: bool) -> tuple[list[int], ...]:
 
 
 def evidence(
-    surface: Deformable, estimates: Sequence[FrameEstimate | None], prior: Prior
+    surface: Deformable,
+    estimates: Sequence[FrameEstimate | None],
+    prior: Prior,
+    *,
+    is_exact: bool = True,
 ) -> tuple[Prior, Noise, Floats]:
     """Find the prior and the noise under which frames at rest are the most likely.
 
-    The third is the truncation of each frame; of missing ones that of all.
+    The third is the truncation of each frame; of missing ones that of all. Where the start is
+    exact, as that of a single frame, nothing is left where nothing moves.
     """
     n = len(surface)
     energies, determined = np.zeros(n), np.zeros(n)
@@ -179,10 +184,12 @@ def evidence(
             own.information.weights,
             # tr (A C): the amplitudes that the data have set.
             float((own.information.matrix * own.covariance).sum()),
+            _energy(surface, own, found),
         )
         for own in kept
     ]
-    noise, of_frames = noise_of(left, n_values, surface.template.topology.n_axes)
+    n_axes = surface.template.topology.n_axes
+    noise, of_frames = noise_of(left, n_values, n_axes, is_exact=is_exact)
     truncations = np.full(len(estimates), noise.truncation)
     truncations[[estimate is not None for estimate in estimates]] = of_frames
     return found, replace(noise, sd=max(noise.sd, _LEAST_NOISE * surface.size)), truncations
@@ -194,10 +201,15 @@ def shape_evidence(surface: Deformable, own: FrameEstimate, prior: Prior) -> tup
     What the modes leave counts as that of amplitudes as large as the prior says.
     """
     found, noise, _ = evidence(surface, [own], prior)
-    moves = surface.wavenumbers > 0
-    v = found.variances(surface.wavenumbers)[moves]
-    energy = max(float((own.amplitudes[moves] ** 2 / v[:, None]).mean()), LEAST)
+    energy = max(_energy(surface, own, found), LEAST)
     return found, replace(noise, truncation=noise.truncation / energy**0.5)
+
+
+def _energy(surface: Deformable, own: FrameEstimate, prior: Prior) -> float:
+    """Mean over modes and directions of a^2 over its prior variance, translation left out."""
+    moves = surface.wavenumbers > 0
+    v = prior.variances(surface.wavenumbers)[moves]
+    return float((own.amplitudes[moves] ** 2 / v[:, None]).mean())
 
 
 def first_guess(surface: Deformable) -> tuple[Prior, Noise]:

@@ -195,21 +195,27 @@ class Residuals(NamedTuple):
     weights : (n,) float64
     n_spent : float
         Amplitudes that the data have set.
+    energy : float
+        Mean over the modes of a^2 over its prior variance.
     """
 
     points: Floats
     residuals: Floats
     weights: Floats
     n_spent: float
+    energy: float
 
 
-def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> tuple[Noise, Floats]:
+def noise_of(
+    frames: Sequence[Residuals], n_values: float, n_axes: int, *, is_exact: bool
+) -> tuple[Noise, Floats]:
     """Noise under which the residuals are as large, and as much alike, as they are.
 
     Noise of a point says nothing of that of its neighbour; what the modes leave is nearly the
-    same at both, and has no part in their difference. It is large in few places and small in most,
-    so sizes are those that 68 % stay below, as an interval of one standard deviation says, and not
-    root mean squares.
+    same at both, and has no part in their difference. Where the surface has hardly moved hardly
+    anything is left: truncation^2 grows with the energy of a frame, and is fitted to it. What is
+    left is large in few places and small in most, so sizes are those that 68 % stay below, as an
+    interval of one standard deviation says, and not root mean squares.
 
     Parameters
     ----------
@@ -218,6 +224,8 @@ def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> tuple
         Independent values of the truncation.
     n_axes : int
         2 of a surface, 1 of a curve.
+    is_exact : bool
+        Whether the shape at rest is that of a frame, so that nothing is left where nothing moves.
 
     Returns
     -------
@@ -225,7 +233,7 @@ def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> tuple
         Of all frames alike: estimated with what grows with the motion, a frame would be drawn to
         the start the more the farther it moves.
     (frames,) float64, length unit
-        Truncation of each, in the mean with that of all: its residuals alone tell it by chance.
+        Truncation of each, for stated deviations alone.
     """
     sizes = [_sizes(frame) for frame in frames]
     weights, totals, own = np.array(sizes).reshape(-1, 3).T
@@ -236,10 +244,13 @@ def noise_of(frames: Sequence[Residuals], n_values: float, n_axes: int) -> tuple
     totals = totals * weights / np.maximum(weights - spent, np.maximum(0.25 * weights, 1e-300))
     mean = float((weights * totals).sum()) / n
     variance = max(min(float((weights * own).sum()) / n, mean), _LEAST_SHARE**2 * mean)
-    left = np.maximum(totals - variance, 0.0)
-    mean = float((weights * left).sum()) / n
-    noise = Noise(float(np.sqrt(variance)), float(np.sqrt(mean)), n_values)
-    return noise, np.sqrt((left + mean) / 2.0)
+    # truncation^2 = c + alpha e, none below zero, weighted by points.
+    rises = np.array([(0.0 if is_exact else 1.0, frame.energy) for frame in frames])
+    root, unit = np.sqrt(weights / n), mean if mean > 0 else 1.0
+    left = np.maximum(totals - variance, 0.0) / unit
+    squares = unit * (rises @ scipy.optimize.nnls(rises * root[:, None], left * root)[0])
+    noise = Noise(float(np.sqrt(variance)), float(np.sqrt(squares.mean())), n_values)
+    return noise, np.sqrt(squares)
 
 
 def _sizes(frame: Residuals) -> tuple[float, float, float]:
