@@ -86,7 +86,11 @@ class Observation(FrozenArrays):
             if value is None:
                 continue
             shape = (n, 3) if name == "normals" else (n,)
-            array = np.array(np.broadcast_to(value, shape) if name == "sd" else value, np.float64)
+            try:
+                one = np.broadcast_to(value, shape) if name == "sd" else value
+                array = np.array(one, dtype=np.float64)
+            except (TypeError, ValueError):
+                array = np.zeros(0)
             size = np.linalg.norm(np.atleast_2d(array), axis=-1) if name == "normals" else array
             is_right = np.isfinite(size) & ((size > 0) | ((name == "weights") & (size == 0)))
             if array.shape != shape or not is_right.all():

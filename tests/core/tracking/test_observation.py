@@ -47,6 +47,8 @@ def test_directions_become_unit_vectors_and_arrays_stay_as_they_are() -> None:
         (lambda: Observation(np.zeros((4, 2))), ShapeError),
         (lambda: Observation(POINTS * np.nan), NonFiniteError),
         (lambda: Observation(POINTS, sd=0.0), ParameterError),
+        (lambda: Observation(POINTS, sd=[1.0, 2.0]), ParameterError),
+        (lambda: Observation(POINTS, weights=["a"] * 4), ParameterError),
         (lambda: Observation(POINTS, weights=np.array([1.0, -1.0, 0.0, 0.0])), ParameterError),
         (lambda: Observation(POINTS, normals=np.zeros((4, 3))), ParameterError),
         (lambda: Observation(POINTS, places=("apex",)), ShapeError),
