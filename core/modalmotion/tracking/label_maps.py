@@ -18,7 +18,7 @@ from modalmotion.images.volume import Image, is_sliced
 from modalmotion.notes import Note
 from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.tracking import closest, label_values, moving_base
-from modalmotion.tracking.landmarks import Proposed
+from modalmotion.tracking.landmarks import Proposed, places_of
 
 # Brightness of the labelled cavity; outside is 0.
 _INSIDE: Final = 100.0
@@ -106,15 +106,14 @@ def notes_on_landmarks(
     images : ImageSequence
         The label map.
     landmarks : mapping of str to (3,) or (frames, 3) array_like, mm
-        A place in the reference frame, or one for each frame, NaN if it is unknown.
+        A place in the reference frame, or one for each frame, None or NaN if it is unknown.
     reference : int
     """
     notes = []
     for name, value in landmarks.items():
-        # What is no place is refused where landmarks join the frames.
-        stated = np.asarray(None if isinstance(value, Proposed) else value, dtype=np.float64)
-        if stated.ndim not in (1, 2) or stated.shape[-1] != 3:
+        if isinstance(value, Proposed):
             continue
+        stated = places_of(name, value)
         places = {reference: stated} if stated.ndim == 1 else dict(enumerate(stated))
         away = {
             k: _away(images.frames[k], place)

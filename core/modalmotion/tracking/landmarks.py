@@ -75,7 +75,8 @@ def places_of(name: str, value: Any) -> Floats:
     ParameterError
         If they are not finite numbers; it names the landmark and the frame.
     """
-    each = list(value) if isinstance(value, list | tuple | np.ndarray) else []
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    each = value if isinstance(value, list | tuple) else ()
     if any(one is None or isinstance(one, list | tuple | np.ndarray) for one in each):
         return np.stack([_place(name, k, one) for k, one in enumerate(each)])
     return _place(name, None, each)
@@ -88,8 +89,8 @@ def _place(name: str, frame: int | None, value: Any) -> Floats:
     except (TypeError, ValueError):
         place = np.zeros(0)
     is_unknown = frame is not None and np.isnan(place).all()
-    is_number = not any(isinstance(x, bool) for x in numbers)
-    if place.shape == (3,) and is_number and (is_unknown or np.isfinite(place).all()):
+    is_known = place.shape == (3,) and not any(isinstance(x, bool) for x in numbers)
+    if is_known and (is_unknown or np.isfinite(place).all()):
         return place
     where = "" if frame is None else f" in frame {frame}"
     raise ParameterError(

@@ -1,5 +1,6 @@
 """Observations from files: a mesh, a cloud or contours for each frame, or one npz for all."""
 
+import codecs
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,6 +42,7 @@ CLOUD_SUFFIXES: Final = (".csv", ".xyz", ".txt")
 
 # biv-me's files: tab-separated x, y, z, type, slice, weight, frame.
 _GUIDE_POINTS: Final = "GPFile"
+_GUIDE_POINT: Final = "f8, f8, f8, U64, U32, U32, U32"
 _VALVES: Final = ("MITRAL_VALVE", "AORTA_VALVE")
 _APEX: Final = "APEX_POINT"
 
@@ -49,7 +51,7 @@ _WITH_VALVES: Final = "LV_ENDOCARDIAL"
 
 # What separates the numbers of a line, and how a line of numbers starts.
 _SPACED: Final = bytes.maketrans(b",;", b"  ")
-_NUMBER: Final = re.compile(rb"\s*[-+.]?[0-9]|\s*nan", re.IGNORECASE)
+_NUMBER: Final = re.compile(rb"\s*[-+]?(\.?[0-9]|(nan|inf)\b)", re.IGNORECASE)
 
 _NOWHERE: Final = np.full(3, np.nan)
 _SYSTEM: Final = "coordinate_system"
@@ -171,7 +173,7 @@ def read_observed(
     if kind is None and (table := _table(data)) is not None:
         clouds, times = table
         parser.limits.require("frames", len(clouds))
-        parser.limits.require("vertices", max(map(len, clouds)))
+        parser.limits.require("vertices", max(map(len, clouds), default=0))
         return Recorded(_clouds(clouds), {}, times)
     if kind is None:
         message = detect.unknown_format(data).message if data else "The file is empty."
@@ -298,7 +300,7 @@ def _of_mesh(data: bytes, parser: Parser) -> _FrameFile:
 
 def _cloud(data: bytes) -> Floats:
     """Read points from lines of three numbers or more, after a heading if there is one."""
-    lines = [line.translate(_SPACED) for line in lines_of(data)]
+    lines = [line.translate(_SPACED) for line in lines_of(data.removeprefix(codecs.BOM_UTF8))]
     first = next((k for k, line in enumerate(lines) if _NUMBER.match(line)), len(lines))
     return _numbers(lines[first:], None, 3)
 
@@ -323,7 +325,7 @@ def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
 
     Without a column of frames or times all points are of one frame.
     """
-    first = next(iter(lines_of(data)), b"").decode(errors="replace")
+    first = next(iter(lines_of(data)), b"").decode("utf-8-sig", errors="replace")
     delimiter = max(",;\t", key=first.count)
     names = [name.strip().strip('"').lower() for name in first.split(delimiter)]
     if not {"x", "y", "z"} <= {*names}:
@@ -340,17 +342,19 @@ def _table(data: bytes) -> tuple[list[Floats], Floats | None] | None:
 
 def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
     """Read typed contour points; valves are at the base, and the apex point is the apex."""
-    lines = [line for line in lines_of(data) if line.strip() and not line.startswith(b"x\t")]
+    lines = [line for line in lines_of(data) if not line.startswith(b"x\t")]
     if not lines:
         return _FrameFile(())
     try:
-        table = np.loadtxt(lines, np.str_, delimiter="\t", comments=None, ndmin=2)
-        places, (kinds, planes, _, times) = table[:, :3].astype(np.float64), table[:, 3:].T
+        *axes, kinds, planes, _, times = np.loadtxt(
+            lines, _GUIDE_POINT, None, "\t", usecols=range(7), unpack=True, ndmin=1
+        )
     except ValueError as error:
         raise MalformedFileError(
             f"A line is not x, y, z, type, slice, weight and frame ({str(error)[:60]}).",
             remedy="Send the guide point files as biv-me writes them.",
         ) from None
+    places = np.column_stack(axes)
     for name in np.unique(kinds):
         # Of some slices recorders write the weight there, 1.0, which is no number of a frame.
         if len({time for time in times[kinds == name] if time.isdigit()}) > 1:

@@ -180,4 +180,8 @@ def test_a_stated_landmark_outside_all_labels_is_noted() -> None:
     assert "apex is" in note
     assert "frame 1" in note
     # Where it is not known nothing is said.
-    assert notes_on_landmarks(images, {"apex": np.full(3, np.nan)}, 0) == ()
+    assert (
+        notes_on_landmarks(images, {"apex": [APEX, None], "base": np.full((2, 3), np.nan)}, 0) == ()
+    )
+    with pytest.raises(ParameterError, match="not three finite numbers"):
+        notes_on_landmarks(images, {"apex": "base"}, 0)

@@ -7,7 +7,7 @@ import pytest
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh import Facts
-from modalmotion.tracking.landmarks import landmarks_from_json, landmarks_of
+from modalmotion.tracking.landmarks import landmarks_from_json, landmarks_of, places_of
 
 
 def test_a_landmark_is_a_place_or_one_for_each_frame() -> None:
@@ -25,6 +25,8 @@ def test_a_landmark_is_a_place_or_one_for_each_frame() -> None:
         '{"apex": 7}',
         '{"apex": [1, 2, "3"]}',
         '{"apex": [[1, 2, 3], [1, 2]]}',
+        '{"apex": [5, [1, 2, 3]]}',
+        '{"apex": [null, true]}',
         '{"apex": [1, 2, 1e400]}',
         '{"apex": [true, 2, 3]}',
         '{"apex": [1' + "0" * 400 + ", 2, 3]}",
@@ -43,6 +45,11 @@ def test_the_frame_of_a_wrong_place_is_named() -> None:
     with pytest.raises(ParameterError, match="in frame 1") as caught:
         landmarks_from_json('{"apex": [[1, 2, 3], [1, 2]]}')
     assert caught.value.frame == 1
+
+
+def test_an_array_without_axes_is_no_place() -> None:
+    with pytest.raises(ParameterError, match="not three finite numbers"):
+        places_of("apex", np.array(3.0))
 
 
 def test_facts_state_points_and_no_vertices() -> None:

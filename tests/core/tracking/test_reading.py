@@ -45,6 +45,22 @@ def test_clouds_are_text_or_ply_without_triangles(tmp_path: Path) -> None:
     assert found.frames[0][0].points[1].tolist() == [4.0, 5.0, 6.0]
 
 
+@pytest.mark.parametrize("first", ["-.5 0 1", "+.5 0 1", "\ufeff-0.5 0 1"])
+def test_no_first_point_is_taken_for_a_heading(tmp_path: Path, first: str) -> None:
+    (tmp_path / "a_1.xyz").write_text(f"{first}\n4 5 6\n")
+    assert len(read_observed(tmp_path).frames[0][0]) == 2
+    for number in ("inf", "-nan"):
+        (tmp_path / "a_1.xyz").write_text(f"{number} 0 1\n4 5 6\n")
+        with pytest.raises(InputError, match="not finite"):
+            read_observed(tmp_path)
+
+
+def test_a_table_may_have_a_byte_order_mark_and_no_rows() -> None:
+    found = read_observed("\ufeffframe,x,y,z\n0,1,2,3\n1,4,5,6\n".encode())
+    assert [len(frame[0]) for frame in found.frames] == [1, 1]
+    assert read_observed(b"frame,x,y,z\n").frames == ()
+
+
 def test_a_zip_is_read_as_its_folder(tmp_path: Path) -> None:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
@@ -127,6 +143,17 @@ def test_guide_points_are_contours_with_landmarks(tmp_path: Path) -> None:
     assert outer.landmarks["base"].tolist() == [[0, 0, 9], [0, 0, 9]]
     with pytest.raises(ParameterError, match="SAX_LV_ENDOCARDIAL"):
         read_observed(tmp_path, labels=["AORTA_WALL"])
+
+
+def test_guide_points_may_have_more_columns_and_long_words(tmp_path: Path) -> None:
+    row = "1\t2\t3\tSAX_LV_ENDOCARDIAL\t2\t1.0\t0\t"
+    # A table of texts as long as the longest one would take 25 GB.
+    (tmp_path / "GPFile_000.txt").write_text("\n".join([*[row] * 999, row + "a" * 900_000]))
+    assert len(read_observed(tmp_path).frames[0][0]) == 1000
+    (tmp_path / "GPFile_000.txt").write_text(
+        "\n".join([*[row] * 999, row.replace("\t1.0", "\t" + "1" * 999)])
+    )
+    assert len(read_observed(tmp_path).frames[0][0]) == 1000
 
 
 def test_two_time_frames_in_one_file_are_refused_by_name(tmp_path: Path) -> None:
