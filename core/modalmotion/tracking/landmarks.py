@@ -282,6 +282,7 @@ def with_landmarks(
     """
     full = list(frames)
     points = np.concatenate([np.zeros((0, 3)), *(p.points for frame in frames for p in frame)])
+    points = np.stack([points.min(axis=0), points.max(axis=0)]) if len(points) else points
     for name, value in (landmarks or {}).items():
         proposed = value if isinstance(value, Proposed) else None
         own_sd = sd if proposed is None else proposed.sd
