@@ -82,6 +82,9 @@ def _write_images(
     output: Path, kind: ImageKind, parameters: VentricleParameters, frames: int, seed: int
 ) -> tuple[Path, Path, Path]:
     """Write images, and beside them what they show: .truth.npz and .landmarks.json."""
+    name = output.name.lower()
+    if not name.endswith((".zip", ".nii.gz")):
+        raise click.BadParameter("Images are written as .zip or .nii.gz.", param_hint="--output")
     phantom = simulate_images(kind, parameters, n_frames=frames, rng=np.random.default_rng(seed))
     marks = {
         "coordinates": "LPS",
@@ -91,9 +94,9 @@ def _write_images(
             "base": phantom.landmarks["base"].tolist(),
         },
     }
-    is_one = output.name.endswith((".nii", ".nii.gz"))
-    store.write_atomic(output, (write_nifti if is_one else write_nifti_zip)(phantom.images))
-    stem = output.name.removesuffix(".gz").removesuffix(output.suffix).removesuffix(".nii")
+    write = write_nifti_zip if name.endswith(".zip") else write_nifti
+    store.write_atomic(output, write(phantom.images))
+    stem = output.name[: -len(".zip" if name.endswith(".zip") else ".nii.gz")]
     truth, places = (output.with_name(stem + end) for end in (".truth.npz", ".landmarks.json"))
     store.write_atomic(truth, formats.write_npz(phantom.truth))
     store.write_atomic(places, json.dumps(marks).encode())

@@ -65,8 +65,9 @@ class ParserProcess:
     def close(self) -> None:
         """End the child, if it runs."""
         if self._child is not None:
-            self._child.kill()
-            self._child.communicate()
+            # Not until its answer ends: what it has forked itself may hold the pipe.
+            with contextlib.suppress(BrokenPipeError), self._child:
+                self._child.kill()
             self._child = None
 
     def parse(self, task: str, data: bytes) -> result.Answer:

@@ -159,6 +159,18 @@ def test_a_simulated_label_map_is_read_with_no_option(tmp_path: Path) -> None:
     assert found["high"] - found["low"] < 12.0
 
 
+def test_simulated_images_are_what_their_name_says(tmp_path: Path) -> None:
+    pytest.importorskip("nibabel")
+    words = ["simulate", "--image", "labels", "--frames", "1", "-o"]
+    assert CliRunner().invoke(main, [*words, str(tmp_path / "MAP.NII.GZ")]).exit_code == 0
+    assert (tmp_path / "MAP.NII.GZ").read_bytes()[:2] == b"\x1f\x8b"
+    assert (tmp_path / "MAP.truth.npz").exists()
+    for name in ("map.nii", "map.nrrd", "map"):
+        result = CliRunner().invoke(main, [*words, str(tmp_path / name)])
+        assert result.exit_code != 0
+        assert "written as .zip or .nii.gz" in result.output
+
+
 def test_a_label_map_is_tracked_with_no_landmark(tmp_path: Path) -> None:
     pytest.importorskip("nibabel")
     source = tmp_path / "labels.nii.gz"

@@ -108,6 +108,24 @@ def test_one_lives_until_it_is_closed(parser: ParserProcess) -> None:
     parser.close()
 
 
+def test_its_end_does_not_wait_for_what_it_has_forked(parser: ParserProcess) -> None:
+    program = """
+import os, time
+if not os.fork():
+    os.write(1, b".")
+    time.sleep(10)
+    os._exit(0)
+time.sleep(10)
+"""
+    parser._child = child = started(program)
+    assert child.stdout is not None
+    assert child.stdout.read(1) == b"."
+    start = time.monotonic()
+    parser.close()
+    assert time.monotonic() - start < 5
+    assert is_gone(child.pid)
+
+
 @pytest.mark.parametrize("how", [signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS])
 def test_a_file_that_ends_its_parser_is_damaged(parser: ParserProcess, how: signal.Signals) -> None:
     with pytest.raises(MalformedFileError, match="crashed"):
