@@ -58,8 +58,7 @@ def is_label_map(images: ImageSequence) -> bool:
     if values.dtype.kind not in "biuf":
         return False
     is_number = np.isfinite(values)
-    n_missing = values.size - int(is_number.sum())
-    values = np.where(is_number, values, 0) if n_missing else values
+    values = values if is_number.all() else np.where(is_number, values, 0)
     low, high = float(values.min()), float(values.max())
     if low < 0 or high - low > _WIDEST or high == low or (values != np.rint(values)).any():
         return False
@@ -68,7 +67,8 @@ def is_label_map(images: ImageSequence) -> bool:
     along = int(np.argmin(volumes[0].spacing))
     pairs = np.diff(values.astype(np.int64), axis=along)
     is_map = bool((pairs == 0).mean() >= _ALIKE)
-    if is_map and n_missing:
+    frames = [v for v in images.frames if is_map and isinstance(v, Volume)]
+    if n_missing := sum(int((~np.isfinite(v.values)).sum()) for v in frames):
         raise errors.ParameterError(
             f"{n_missing} voxels of the label map are not numbers (NaN or infinite).",
             remedy="Write 0 for unlabelled voxels.",

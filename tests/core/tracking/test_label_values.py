@@ -93,6 +93,7 @@ def test_a_label_map_with_voxels_that_are_no_numbers_is_refused_as_such() -> Non
     values = np.zeros((8, 8, 8))
     values[2:6, 2:6, 2:6] = 1.0
     values[0, 0, 0] = np.nan
-    images = ImageSequence((Volume(values, np.eye(4)),))
-    with pytest.raises(ParameterError, match="1 voxels of the label map are not numbers"):
-        is_label_map(images)
+    wrong, right = Volume(values, np.eye(4)), Volume(np.nan_to_num(values), np.eye(4))
+    for images in (ImageSequence((wrong,)), ImageSequence((right, wrong))):
+        with pytest.raises(ParameterError, match="1 voxels of the label map are not numbers"):
+            is_label_map(images)
