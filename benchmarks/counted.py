@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import ast
+import re
 import tokenize
 from pathlib import Path
+
+_C_COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
 
 def count(path: Path) -> tuple[int, int]:
     """Count code lines (no blank, comment, docstring or import lines) and import lines."""
+    if path.suffix != ".py":
+        return _count_c(path), 0
     aside, imports, code = set[int](), set[int](), set[int]()
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.stmt):
@@ -24,8 +29,17 @@ def count(path: Path) -> tuple[int, int]:
     return len(code - aside - imports), len(imports)
 
 
+def _count_c(path: Path) -> int:
+    """Count the code lines of a file of C: no blank, comment or include lines."""
+    text = _C_COMMENT.sub(lambda comment: "\n" * comment[0].count("\n"), path.read_text())
+    lines = map(str.strip, text.splitlines())
+    return sum(bool(line) and not line.startswith("#include") for line in lines)
+
+
 def constants(path: Path) -> int:
-    """Count named constants at the top of a module."""
+    """Count named constants at the top of a module of Python."""
+    if path.suffix != ".py":
+        return 0
     body = ast.parse(path.read_text()).body
     targets: list[ast.expr] = [node.target for node in body if isinstance(node, ast.AnnAssign)]
     targets += [t for node in body if isinstance(node, ast.Assign) for t in node.targets]

@@ -15,11 +15,14 @@ from modalmotion import SignatureParameters
 from modalmotion.classification import TrainingOptions
 from modalmotion.tracking.parameters import TrackParameters
 
-PATHS = [sorted((ROOT / part).rglob("*.py")) for part in ("core", "service")]
+PATHS = [
+    sorted(path for path in (ROOT / part).rglob("*") if path.suffix in {".py", ".c", ".h"})
+    for part in ("core", "service")
+]
 
 
 @quick(
-    Row("weight.core.code_lines", "code lines of the core", goal=33_000, tolerance=150),
+    Row("weight.core.code_lines", "code lines of the core, C counted", goal=33_000, tolerance=150),
     Row("weight.service.code_lines", "code lines of the service", goal=8_000, tolerance=150),
     Row("weight.core.files", "files of the core", goal=230, tolerance=3),
     Row("weight.service.files", "files of the service", goal=90, tolerance=3),
