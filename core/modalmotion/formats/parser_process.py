@@ -107,7 +107,7 @@ class ParserProcess:
             raise StoreError(
                 f"The reader of this format could not be started ({error}).",
                 remedy="The system has no process or memory left for it: try again when fewer "
-                "run, or raise their number (`ulimit -u`, or the `pids_limit` of a container).",
+                "run, or raise their number (ulimit -u, or pids_limit of a container).",
             ) from error
         try:
             _send(child.stdin, task, data, self.limits, self._seconds)

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, lattice_faces
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.mesh.triangles import curve_weights, vertex_areas
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Bools, Floats, Ints, Singles, shown
@@ -420,18 +420,16 @@ def _ends_as_it_began(sequence: MeshSequence) -> bool:
 
 def _shares(sequence: MeshSequence, positions: Floats) -> Floats:
     """Share of each vertex in the surface, or in the curve; equal shares without either."""
-    topology, faces, grid = sequence.topology, sequence.faces, sequence.grid
+    topology, faces = sequence.topology, sequence.joined
     sizes = np.ones(len(positions))
     # Near size 1 no square is lost, in any unit.
-    used = np.full(len(positions), not len(faces))
-    used[faces.ravel()] = True
+    used = np.full(len(positions), not len(sequence.faces))
+    used[sequence.faces.ravel()] = True
     extent = float(np.ptp(positions[used], axis=0).max(initial=0.0))
     scaled = (positions - positions[np.argmax(used)]) / extent if extent > 0 else positions
     if topology is not None and topology.n_axes == 1:
         sizes = curve_weights(scaled, topology)
-    elif not len(faces) and grid is not None and topology is not None and topology.n_axes == 2:
-        faces = lattice_faces(topology, grid) if min(grid) > 1 else faces
-    if len(faces):
+    elif len(faces):
         sizes = vertex_areas(scaled, faces)
     total = float(sizes.sum())
     if not total > 0:
