@@ -300,12 +300,7 @@ class Displacements:
 def _centred(positions: Singles | Floats, shape: ReferenceShape) -> Floats:
     """Positions from the reference's centroid, (frames, 3, vertices), in units of the scale."""
     x = np.empty((len(positions), 3, positions.shape[1]))
-    centre = shape.centre[:, None]
-    if positions.dtype == np.float64:
-        np.subtract(positions.transpose(0, 2, 1), centre, out=x)
-    else:
-        np.copyto(x, positions.transpose(0, 2, 1))
-        x -= centre
+    np.subtract(positions.transpose(0, 2, 1), shape.centre[:, None], out=x)
     if shape.scale != 1.0:
         x /= shape.scale
     if len(shape.ignored):
@@ -385,8 +380,9 @@ def mean_onto(sequence: MeshSequence, reference: int) -> Floats:
 
 
 def _counted_once(sequence: MeshSequence) -> MeshSequence:
-    """Leave out a last frame that repeats the first."""
-    if not _ends_as_it_began(sequence):
+    """Leave out a last frame that repeats the first, and not because nothing moves then."""
+    x, same = sequence.vertices, np.array_equal
+    if len(x) <= 3 or not same(x[0], x[-1]) or same(x[0], x[1]) or same(x[-2], x[-1]):
         return sequence
     times = None if sequence.times is None else sequence.times[:-1]
     return replace(sequence, vertices=sequence.vertices[:-1], times=times)
@@ -405,17 +401,6 @@ def _turned_to_the_middle(sequence: MeshSequence, mean: Floats) -> Floats:
         return mean
     turned: Floats = (mean - shape.centre) @ middle.matrices[0].T
     return turned + shape.centre
-
-
-def _ends_as_it_began(sequence: MeshSequence) -> bool:
-    """Whether the last frame repeats the first, and not because nothing moves then."""
-    x = sequence.vertices
-    return (
-        sequence.n_frames > 3
-        and np.array_equal(x[0], x[-1])
-        and not np.array_equal(x[0], x[1])
-        and not np.array_equal(x[-2], x[-1])
-    )
 
 
 def _shares(sequence: MeshSequence, positions: Floats) -> Floats:
