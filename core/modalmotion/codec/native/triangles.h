@@ -107,7 +107,7 @@ static void set_walk_contexts(Walk *w, int32_t behind) {
 /* Code a node by how many were met since it was. */
 static int32_t code_older(Walk *w, int32_t node) {
     set_context(w->m, 0, 0, w->corner);
-    const int64_t since = code_number(w->m, OLDER_BIT, 1, w->n_met - 1 - node);
+    const int64_t since = code_number(w->m, OLDER_BIT, 1, most(w->n_met - 1 - node, 0));
     return since < w->n_met ? w->n_met - 1 - (int32_t)since : NOBODY;
 }
 
