@@ -196,7 +196,12 @@ class Norm(Saved):
                 details={"option": "level"},
             )
         own = recording if isinstance(recording, Reading) else self.read(recording)
-        controls = [one for one in self.controls if not _same(one, own)]
+        controls = [
+            one
+            for one in self.controls
+            if one.sequence_id != own.sequence_id
+            and not (one.subject and one.subject == own.subject)
+        ]
         n, fewest = len(controls), fewest_controls(level)
         if n < fewest:
             raise errors.ParameterError(
@@ -386,12 +391,6 @@ def _warnings(controls: Sequence[Reading], own: Reading) -> tuple[str, ...]:
             called = f"number of {name}" if name in ("frames", "vertices") else name
             warnings.append(f"{called}: {mine}; of the controls {theirs}.")
     return tuple(warnings)
-
-
-def _same(control: Reading, own: Reading) -> bool:
-    return control.sequence_id == own.sequence_id or (
-        control.subject is not None and control.subject == own.subject
-    )
 
 
 def _at_most(p: float, level: float) -> bool:

@@ -120,22 +120,23 @@ def _signature(contents: Contents) -> making.ModalSignature:
     amplitudes = contents.array("amplitudes", (None, None, parameters.n_directions))
     n_frames, n_modes, _ = amplitudes.shape
 
-    def per_frame(name: str) -> Any:
-        return contents.array(name, (n_frames,))
+    def optional(name: str, *shape: int) -> Any:
+        return contents.array(name, shape) if name in contents.arrays else None
 
+    chosen = contents.json("choice", dict) if "choice" in contents.arrays else {}
     return making.ModalSignature(
         modes=_modes(contents, n_modes),
         amplitudes=amplitudes,
         angular_frequencies=contents.array("angular_frequencies", (n_modes,)),
         rotations=alignment.Rotations(
             contents.array("rotations", (n_frames, 3, 3)),
-            per_frame("rotation_is_determined").astype(np.bool_),
+            contents.array("rotation_is_determined", (n_frames,)).astype(np.bool_),
         ),
         reference_amplitudes=contents.array("reference_amplitudes", (n_modes, 3)),
-        volumes=per_frame("volumes") if "volumes" in contents.arrays else None,
+        volumes=optional("volumes", n_frames),
         translations=contents.array("translations", (n_frames, 3)),
-        **{name: per_frame(name) for name in LENGTHS_OF_FRAMES},
-        times=per_frame("times") if "times" in contents.arrays else None,
+        **{name: contents.array(name, (n_frames,)) for name in LENGTHS_OF_FRAMES},
+        times=optional("times", n_frames),
         unit=contents.unit,
         n_vertices=contents.number("n_vertices"),
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
@@ -146,16 +147,8 @@ def _signature(contents: Contents) -> making.ModalSignature:
         template_id=contents.text("template_id"),
         notes=notes_from_json(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
-        choice=(
-            choice.ModelChoice.from_json(contents.json("choice", dict))
-            if "choice" in contents.arrays
-            else None
-        ),
-        amplitude_deviations=(
-            contents.array("amplitude_deviations", amplitudes.shape)
-            if "amplitude_deviations" in contents.arrays
-            else None
-        ),
+        choice=choice.ModelChoice.from_json(chosen) if chosen else None,
+        amplitude_deviations=optional("amplitude_deviations", *amplitudes.shape),
         facts=facts_from_json(contents.json("facts", dict) if "facts" in contents.arrays else {}),
     )
 

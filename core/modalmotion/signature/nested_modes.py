@@ -353,10 +353,8 @@ def required_harmonics(fitter: Fitter) -> Harmonics:
     ------
     ParameterError
     """
-    available, harmonics = (
-        harmonics_of(fitter.sequence.n_frames, fitter.sequence.times),
-        fitter.parameters.harmonics or 0,
-    )
+    available = harmonics_of(fitter.sequence.n_frames, fitter.sequence.times)
+    harmonics = fitter.parameters.harmonics or 0
     if harmonics > available.most:
         raise ParameterError(
             f"{harmonics} harmonics cannot be distinguished in {fitter.sequence.n_frames} frames.",

@@ -167,16 +167,10 @@ class SignatureParameters:
             **dict.fromkeys(("modes", "harmonics"), whole),
             "tolerance": real,
             **dict.fromkeys(("remove_rotation", "auto", "volumes", "deviations"), truth),
-            **{
-                name: partial(one_of, words=words)
-                for name, words in (
-                    ("components", body_frame.Components),
-                    ("tolerance_of", ErrorKind),
-                    ("kind", SignatureKind),
-                )
-            },
-            "topology": _name,
-            "template": _name,
+            "components": partial(one_of, words=body_frame.Components),
+            "tolerance_of": partial(one_of, words=ErrorKind),
+            "kind": partial(one_of, words=SignatureKind),
+            **dict.fromkeys(("topology", "template"), _name),
         }
         if self.reference != sequence.MEAN:
             takes["reference"] = whole

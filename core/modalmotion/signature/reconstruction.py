@@ -218,12 +218,9 @@ def _phases(phases: Floats | list[float] | float | int) -> Floats:
 def _between(own: Floats, x: Floats, interpolation: Interpolation, at: Floats) -> Floats:
     """Positions at phases, through those of the frames, round the cycle."""
     around, closed = np.append(own, own[0] + 1.0), np.concatenate([x, x[:1]])
-    if interpolation == "cubic":
-        spline = scipy.interpolate.CubicSpline(around, closed, bc_type="periodic")
-    else:
-        spline = scipy.interpolate.make_interp_spline(around, closed, k=1)
-    positions: Floats = spline(own[0] + np.mod(at - own[0], 1.0))
-    return positions
+    degree, ends = (3, "periodic") if interpolation == "cubic" else (1, None)
+    spline = scipy.interpolate.make_interp_spline(around, closed, degree, bc_type=ends)
+    return np.asarray(spline(own[0] + np.mod(at - own[0], 1.0)))
 
 
 def _left_out(own: Floats, x: Floats, interpolation: Interpolation, reach: int) -> Floats:
@@ -277,7 +274,8 @@ def at_times(signature: making.ModalSignature, times: Floats) -> making.ModalSig
     ParameterError
         If `times` is empty, or one is outside the recording.
     """
-    own = _times_of(signature)
+    own = np.arange(signature.n_frames, dtype=np.float64)
+    own = own if signature.times is None else signature.times
     instants = np.asarray(times, dtype=np.float64)
     outside = ~((instants >= own[0]) & (instants <= own[-1]))
     if instants.ndim != 1 or not len(instants) or outside.any():
@@ -309,9 +307,3 @@ def at_times(signature: making.ModalSignature, times: Floats) -> making.ModalSig
         times=instants,
         amplitude_deviations=None if deviations is None else deviations[nearest],
     )
-
-
-def _times_of(signature: making.ModalSignature) -> Floats:
-    if signature.times is not None:
-        return signature.times
-    return np.arange(signature.n_frames, dtype=np.float64)
