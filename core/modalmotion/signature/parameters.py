@@ -89,7 +89,7 @@ class SignatureParameters:
     kind : SignatureKind
         Whether amplitudes follow the vertices, or measure the surface along its reference's
         normals. NORMAL_DISPLACEMENT has one amplitude a mode, and does not see where on the surface
-        the vertices are: see `modalmotion.signature.superposition`.
+        the vertices are: see `modalmotion.signature.normal_displacements`.
     volumes : bool
         Whether the signature has the volume that the surface encloses in each frame. Models may
         read it.

@@ -7,13 +7,14 @@ import numpy as np
 import scipy
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.mesh.alignment import Rotations
+from modalmotion.mesh.alignment import Rotations, reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature import making
-from modalmotion.signature.superposition import Superposition
+from modalmotion.signature.normal_displacements import normal_reference
 from modalmotion.signature.value import LENGTHS_OF_FRAMES
 from modalmotion.template import Template
+from modalmotion.template.body_frame import Components, from_local, local_frames
 from modalmotion.template.template import shapes_of
 
 
@@ -48,20 +49,22 @@ def reconstruct(
     ParameterError
         If the sequence is not the one the signature was made from.
     """
-    parameters = signature.parameters
-    used = fitted_on(signature, sequence, template)
-    shapes, reference = shapes_of(signature.modes, used), parameters.reference
-    if parameters.kind == making.SignatureKind.NORMAL_DISPLACEMENT:
-        on = Superposition.of_normal_displacements(sequence, used, shapes, reference=reference)
-    else:
-        components = parameters.components
-        on = Superposition.on(sequence, used, shapes, reference=reference, components=components)
+    parameters, used = signature.parameters, fitted_on(signature, sequence, template)
+    start = reference_positions(sequence, parameters.reference)
     rows = slice(None) if frames is None else np.asarray(frames)
-    return on.positions(
-        signature.amplitudes[rows],
-        signature.rotations.matrices[rows],
-        signature.translations[rows],
-    )
+    drift = signature.translations[rows][:, None]
+    # (2) u = sum_p a_p phi_p, of Nastar (1994)
+    u = shapes_of(signature.modes, used) @ signature.amplitudes[rows]
+    centre = used.weights @ start
+    if parameters.kind == making.SignatureKind.NORMAL_DISPLACEMENT:
+        directions, centre = normal_reference(used, start)
+        # Displacements contain the path of the centroid, normal displacements do not.
+        u = from_local(u, directions) + drift
+    elif parameters.components != Components.CARTESIAN:
+        u = from_local(u, local_frames(used))
+    # R (x - c + u - d) + c + d, so written that what does not move stays to the last bit.
+    turns = (signature.rotations.matrices[rows] - np.eye(3)).transpose(0, 2, 1)
+    return np.asarray(start + u + (start - centre + u - drift) @ turns)
 
 
 def fitted_on(
