@@ -53,9 +53,6 @@ _ROUNDING: Final = 1e-12
 # Parameters that signatures must share with those of the model.
 _SAME: Final = ("remove_rotation", "components")
 
-_REFERENCE_NOTE: Final = Note.of("measured_from_frame")
-_TRACKING_NOTE: Final = Note.of("tracking_unknown")
-
 
 @shown()
 @dataclass(frozen=True)
@@ -370,14 +367,14 @@ def _notes(signature: ModalSignature, model: Model) -> list[Note]:
     """Note what a user should know of the recording."""
     notes = []
     if model.name == NORMAL_DISPLACEMENT_MODEL and signature.facts.tracking == mesh.UNKNOWN:
-        notes.append(_TRACKING_NOTE)
+        notes.append(Note.of("tracking_unknown"))
     share = signature.deviation_share
     if share:
         unsure = ", which the probabilities do not contain: they are too sure"
         consequence = unsure if share >= _UNSURE else ""
         notes.append(Note.of("amplitudes_uncertain", share=share, consequence=consequence))
     if model.signature_parameters.reference == MEAN != signature.parameters.reference:
-        notes.append(_REFERENCE_NOTE)
+        notes.append(Note.of("measured_from_frame"))
     return notes
 
 

@@ -313,6 +313,11 @@ def n_functions(harmonics: int) -> int:
     return 2 * harmonics + 2
 
 
+def numbers_of_path(n_frames: int, harmonics: int | None) -> int:
+    """Count the numbers of each amplitude's path, limited to harmonics or not."""
+    return n_frames if harmonics is None else min(n_functions(harmonics), n_frames)
+
+
 def harmonics_of(n_frames: int, times: Floats | None) -> Harmonics:
     """Make the functions of time of a sequence, as many as its frames tell apart.
 
