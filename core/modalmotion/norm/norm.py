@@ -211,7 +211,6 @@ class Norm(Saved):
                 f"{math.ceil(1000.0 / (n + 1)) / 1000.0:g}.",
                 details={"n_controls": n, "needed": fewest},
             )
-        is_control = Note.of("is_control")
         bag = [*controls, own]
         names, remarks = _accounted_for(controls, own)
         covariates = covariate_table([one.covariates for one in bag], names)
@@ -246,7 +245,7 @@ class Norm(Saved):
             quantities=_quantities(bag, covariates),
             covariates=tuple(names),
             warnings=_warnings(controls, own),
-            notes=(*self.notes, *[is_control] * (n < self.n_controls), *remarks),
+            notes=(*self.notes, *[Note.of("is_control")] * (n < self.n_controls), *remarks),
         )
 
     def as_json(self) -> dict[str, Any]:

@@ -45,7 +45,7 @@ def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
     StoreError
         If HDF5 cannot contain the unit as text.
     """
-    unit = signature.unit or UNKNOWN
+    unit, determined = signature.unit or UNKNOWN, signature.rotations.is_determined
     ids = {
         "sequence_id": signature.sequence_id,
         "template_id": signature.template_id,
@@ -59,12 +59,7 @@ def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
         *mode_datasets(signature.modes),
         Dataset("angular_frequencies", signature.angular_frequencies, "rad/s", "mode"),
         Dataset("rotations", signature.rotations.matrices, "1", "frame, row, column"),
-        Dataset(
-            "rotation_is_determined",
-            signature.rotations.is_determined.astype(np.uint8),
-            "1",
-            "frame",
-        ),
+        Dataset("rotation_is_determined", determined.astype(np.uint8), "1", "frame"),
         Dataset("reference_amplitudes", signature.reference_amplitudes, unit, "mode, direction"),
         Dataset("translations", signature.translations, unit, "frame, direction"),
         *(Dataset(name, getattr(signature, name), unit, "frame") for name in LENGTHS_OF_FRAMES),
@@ -84,13 +79,14 @@ def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
         datasets.append(json_text("choice", plain(signature.choice)))
     if signature.landmarks is not None:
         datasets += landmark_datasets(signature.landmarks, unit)
-    if signature.volumes is not None:
-        datasets.append(Dataset("volumes", signature.volumes, f"{unit}^3", "frame"))
-    if signature.amplitude_deviations is not None:
-        deviations = signature.amplitude_deviations
-        datasets.append(Dataset("amplitude_deviations", deviations, unit, "frame, mode, direction"))
-    if signature.times is not None:
-        datasets.append(Dataset("times", signature.times, "s", "frame"))
+    optional = (
+        ("volumes", f"{unit}^3", "frame"),
+        ("amplitude_deviations", unit, "frame, mode, direction"),
+        ("times", "s", "frame"),
+    )
+    for name, of, axes in optional:
+        if (values := getattr(signature, name)) is not None:
+            datasets.append(Dataset(name, values, of, axes))
     return FORM.image(ids, datasets, topology=signature.surface, unit=unit)
 
 
