@@ -1,15 +1,14 @@
 """Observations: what was seen of a surface in one frame."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from modalmotion import mesh, notes
-from modalmotion.errors import InputError, NonFiniteError, ParameterError, ShapeError
+from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.formats.frame import in_frame
 from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 
 Place: TypeAlias = str | int | tuple[int, ...]
@@ -191,19 +190,6 @@ def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[n
     return tuple(frames), (note,) if n_thinned else ()
 
 
-@contextmanager
-def in_frame(frame: int | None, name: str = "") -> Iterator[None]:
-    """Name the frame, and the file if there is one, in what is wrong with it."""
-    try:
-        yield
-    except InputError as error:
-        error.frame = frame if error.frame is None else error.frame
-        file = repr(Path(name).name[-60:]) if name else ""
-        where = file if frame is None else f"Frame {frame}{f' ({file})' if file else ''}"
-        error.message = f"{where}: {error.message}"
-        raise
-
-
 def _frame_of(item: Any) -> Frame:
     if item is None:
         return ()
@@ -287,11 +273,16 @@ def _rows(points: Any, what: str = "points of an observation") -> Floats:
     return rows
 
 
+def spread_rows(n: int, most: int) -> Ints:
+    """Choose at most so many of n rows, spread evenly, in their order."""
+    return np.sort(np.argsort(np.arange(n) * _GOLDEN % 1.0, kind="stable")[:most])
+
+
 def _thinned(part: Observation) -> Observation:
     n = len(part)
     if n <= _MOST_POINTS or part.is_landmark or part.feet is not None:
         return part
-    rows = np.sort(np.argsort(np.arange(n) * _GOLDEN % 1.0, kind="stable")[:_MOST_POINTS])
+    rows = spread_rows(n, _MOST_POINTS)
     own = {name: getattr(part, name) for name in ("sd", "weights", "normals")}
     kept = {name: value if value is None else value[rows] for name, value in own.items()}
     return Observation(part.points[rows], **kept, border=part.border)
