@@ -12,6 +12,7 @@ import numpy as np
 
 from modalmotion import errors, mesh
 from modalmotion.arguments.checking import Plotted, Saved
+from modalmotion.classification.card import tuples_of
 from modalmotion.classification.model import Model, Readable, holds
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
@@ -536,25 +537,18 @@ def classification_from_hdf5(source: bytes | Path) -> Classification:
 def read_classification(source: bytes | Path) -> tuple[Classification, Contents]:
     """Read a classification together with the contents of its file."""
     with FORM.read(source) as contents:
-        classes = tuple(contents.json("classes", list))
-        label = contents.json("label", object)
-        if label not in (None, *classes):
+        texts = {name: tuples_of(contents.json(name, object)) for name in _OF_ANSWER}
+        if (label := texts["label"]) not in (None, *texts["classes"]):
             raise ValueError(f"the label {str(label)[:80]!r} is not one of the classes")
+        texts["notes"] = notes_from_json(contents.json("notes", list))
         classification = Classification(
             sequence_id=contents.text("sequence_id"),
             model=contents.text("model"),
             model_id=contents.text("model_id"),
-            label=None if label is None else str(label),
-            classes=classes,
-            probabilities=contents.array("probabilities", (len(classes),)),
-            notes=notes_from_json(contents.json("notes", list)),
-            provenance=contents.json("provenance", dict),
-            class_set=tuple(contents.json("class_set", list)),
-            coverage=float(contents.json("coverage", float)),
-            flags=tuple(contents.json("flags", list)),
+            probabilities=contents.array("probabilities", (len(texts["classes"]),)),
             explanation=tuple(
-                ModeContribution(**{**part, "modes": tuple(part["modes"])})
-                for part in contents.json("explanation", list)
+                ModeContribution(**tuples_of(part)) for part in contents.json("explanation", list)
             ),
+            **texts,
         )
     return classification, contents
