@@ -243,10 +243,10 @@ _MARKS: Final = re.compile(r"([\\`*_{}\[\]|#~$])")
 
 def card_markdown(name: str, model_id: str, card: ModelCard, *, head: bool = False) -> str:
     """Write a card as Markdown, the same for the same card; with the head that the Hub reads."""
+    classes = ", ".join(map(_plain, card.classes))
     parts = [
         f"# {_plain(name)}",
-        f"Classifies the motion of a surface: {', '.join(map(_plain, card.classes))}. "
-        f"Model id `{model_id}`.",
+        f"Classifies the motion of a surface: {classes}. Model id `{model_id}`.",
         "## Intended use",
         _plain(card.intended_use),
         "## Training data",
