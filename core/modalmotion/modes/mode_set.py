@@ -265,9 +265,9 @@ def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None
         lattice.
     """
     n_modes = whole("n_modes", n_modes)
-    n_total = None if shape is None else _n_modes_of(topology, shape)
-    if n_modes < 1 or n_modes > _LARGEST_COUNT or (n_total is not None and n_modes > n_total):
-        most = _LARGEST_COUNT if n_total is None else min(n_total, _LARGEST_COUNT)
+    n_total = _LARGEST_COUNT if shape is None else _n_modes_of(topology, shape)
+    most = min(n_total, _LARGEST_COUNT)
+    if not 1 <= n_modes <= most:
         raise ModeCountError(
             f"{n_modes} modes were requested; a {topology} "
             f"{'' if shape is None else f'of {shape} nodes '}has 1 to {most}.",

@@ -635,9 +635,7 @@ def _require_people(cases: list[TrainingCase]) -> None:
         )
     seen: dict[str, str] = {}
     for case in cases:
-        motion = case.motion
-        own = motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
-        for key in filter(None, (own, case.subject and f"subject {case.subject}")):
+        for key in filter(None, (case.sequence_id, case.subject and f"subject {case.subject}")):
             if key in seen:
                 raise errors.ParameterError(
                     f"{case.name} and {seen[key]} are recordings of one person.",
