@@ -60,24 +60,13 @@ class FieldLattice:
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
     def at(self, fields: Floats, points: Floats) -> Floats:
-        """Interpolate fields (n, fields) at points (m, 3); beyond the lattice as at its border.
-
-        Trilinear, all fields by the same eight shares.
-        """
-        most = np.array(self.shape) - 1
-        place = np.clip((points - self.origin) / _STEP, 0.0, most)
-        cell = np.minimum(place.astype(np.int64), most - 1)
-        t = (place - cell).astype(np.float32)
-        _, ny, nz = self.shape
-        first = (cell[:, 0] * ny + cell[:, 1]) * nz + cell[:, 2]
-        table = fields.astype(np.float32)
-        found = np.zeros((len(points), fields.shape[1]), dtype=np.float32)
-        for i, j, k in np.ndindex(2, 2, 2):
-            share = np.ones(len(points), dtype=np.float32)
-            for axis, upper in enumerate((i, j, k)):
-                share *= t[:, axis] if upper else 1.0 - t[:, axis]
-            found += share[:, None] * table[first + (i * ny + j) * nz + k]
-        return found.astype(np.float64)
+        """Interpolate fields (n, fields) at points (m, 3); beyond the lattice as at its border."""
+        places = ((points - self.origin) / _STEP).T
+        found = [
+            scipy.ndimage.map_coordinates(one.reshape(self.shape), places, order=1, mode="nearest")
+            for one in fields.T
+        ]
+        return np.stack(found, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +134,9 @@ class Anatomy:
         wall = cavity - _WALL * self._areas[0] / self._areas[frame]
         papillary = np.full(len(p), _FAR)
         for k in range(len(_PAPILLARY)):
-            capsule = _capsule(p, *self._segment(frame, k), float(self._radii[frame, k]))
-            papillary = np.minimum(papillary, capsule)
+            # A rod with round ends.
+            away = np.linalg.norm(p - _foot(p, *self._segment(frame, k)), axis=1)
+            papillary = np.minimum(papillary, away - self._radii[frame, k])
         rows = x.reshape(*self._grid, 3)
         base, apex, ring = rows[-1].mean(axis=0), rows[0].mean(axis=0), rows[-1]
         axis = (base - apex) / np.linalg.norm(base - apex)
@@ -231,12 +221,6 @@ class Anatomy:
         )
         radii: Floats = np.array([m[-1] for m in _PAPILLARY]) * np.sqrt(lengths[0] / lengths)
         return radii
-
-
-def _capsule(p: Floats, start: Floats, end: Floats, radius: float) -> Floats:
-    """Signed distance from a rod with round ends."""
-    distance: Floats = np.linalg.norm(p - _foot(p, start, end), axis=1) - radius
-    return distance
 
 
 def _foot(p: Floats, start: Floats, end: Floats) -> Floats:

@@ -74,7 +74,8 @@ class Asked:
 
     def knows(self, tag: str) -> Response | None:
         """Give the answer 304 where the client has what the tag represents."""
-        return media.not_modified(tag) if media.is_known(self.http, tag) else None
+        is_known = media.is_known(self.http, tag)
+        return Response(status_code=304, headers={"ETag": tag}) if is_known else None
 
     def json(self, answer: BaseModel, headers: Mapping[str, str] | None = None) -> Response:
         """Answer with a model as JSON, and its tag."""
@@ -215,7 +216,8 @@ class Asked:
         cases = await asyncio.to_thread(look, self.store, wanted.cases, most)
         ids = tuple(case.id for case in cases)
         self.note(*ids)
-        return Request(query=wanted.without_cases(query), ids=ids, cases=tuple(cases), **more)
+        stated = wanted.model_dump(include=set(query.model_fields), exclude_unset=True)
+        return Request(query=query.model_validate(stated), ids=ids, cases=tuple(cases), **more)
 
 
 async def get_state(request: HttpRequest) -> State:
