@@ -14,6 +14,7 @@ from modalmotion.notes import notes_from_json
 from modalmotion.representation import plain
 from modalmotion.signature import choice, making
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
+from modalmotion.signature.value import LENGTHS_OF_FRAMES
 from modalmotion.template.template import landmark_datasets, landmarks_from
 
 FORM: Final = Form("signature", 6)
@@ -25,17 +26,6 @@ _OF_MODES: Final = {
     "spring_eigenvalues": ("1", "mode"),
     "connectivity_id": ("none", ""),
 }
-
-
-# Lengths of each frame.
-_OF_FRAMES = (
-    "rms_errors",
-    "weighted_rms_errors",
-    "p95_errors",
-    "max_errors",
-    "motion_rms",
-    "weighted_motion_rms",
-)
 
 
 def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
@@ -77,7 +67,7 @@ def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
         ),
         Dataset("reference_amplitudes", signature.reference_amplitudes, unit, "mode, direction"),
         Dataset("translations", signature.translations, unit, "frame, direction"),
-        *(Dataset(name, getattr(signature, name), unit, "frame") for name in _OF_FRAMES),
+        *(Dataset(name, getattr(signature, name), unit, "frame") for name in LENGTHS_OF_FRAMES),
         Dataset("lengths", np.array(signature.lengths, dtype=np.float64), unit, "axis"),
         Dataset("condition", np.array(signature.condition, dtype=np.float64), "1", ""),
         Dataset("n_vertices", np.array(signature.n_vertices, dtype=np.int64), "1", ""),
@@ -144,7 +134,7 @@ def _signature(contents: Contents) -> making.ModalSignature:
         reference_amplitudes=contents.array("reference_amplitudes", (n_modes, 3)),
         volumes=per_frame("volumes") if "volumes" in contents.arrays else None,
         translations=contents.array("translations", (n_frames, 3)),
-        **{name: per_frame(name) for name in _OF_FRAMES},
+        **{name: per_frame(name) for name in LENGTHS_OF_FRAMES},
         times=per_frame("times") if "times" in contents.arrays else None,
         unit=contents.unit,
         n_vertices=contents.number("n_vertices"),
