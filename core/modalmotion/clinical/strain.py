@@ -301,7 +301,10 @@ def wall_strain(
         layer="endocardium, as traced" if sequence.facts.cavity in _CAVITIES else "as traced",
         source="mesh" if known is None else known.source,
         reason=reason,
-        notes=(*_notes(template), *(() if known is None else known.notes)),
+        notes=(
+            *((Note.of("lines_from_pole_to_pole"),) if template.surface == SPHERE else ()),
+            *(() if known is None else known.notes),
+        ),
         sequence_id=sequence.id,
     )
 
@@ -435,15 +438,6 @@ def _segments(
     return at_places(template, facts, np.repeat(places.ways, places.shape[1]), reference)
 
 
-def _notes(template: Template) -> tuple[Note, ...]:
-    if template.surface == SPHERE:
-        return (Note.of("lines_from_pole_to_pole"),)
-    return ()
-
-
-_REMEDY: Final = "State the fact tracking=material if they do (tagging, feature tracking)."
-
-
 @shown("end_systole")
 @dataclass(frozen=True, eq=False)
 class Torsion:
@@ -493,7 +487,7 @@ def torsion(
     if sequence.facts.tracking != "material":
         raise errors.ParameterError(
             "Torsion and shear need points that follow the tissue; whether these do is not stated.",
-            remedy=_REMEDY,
+            remedy="State the fact tracking=material if they do (tagging, feature tracking).",
         )
     if template.surface != CUP or template.landmarks is None:
         raise errors.TopologyError(

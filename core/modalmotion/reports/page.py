@@ -46,6 +46,13 @@ _A4: Final = (8.27, 11.69)
 # Letters of a name in the title.
 _LONGEST_NAME: Final = 52
 
+_CAVITIES: Final = {
+    "lv": "left ventricle",
+    "rv": "right ventricle",
+    "la": "left atrium",
+    "ra": "right atrium",
+}
+
 # Letters that fit on a line of the page, and the most lines of caveats.
 _LETTERS: Final = 124
 _MOST_LINES: Final = 14
@@ -85,7 +92,7 @@ def report_figure(report: Report) -> Figure:
     title = shorten(report.name, _LONGEST_NAME, placeholder=" ...") or "Motion analysis"
     figure.text(0.07, 0.955, title, fontsize=18, color=_INK, weight="bold")
     facts, span, n_frames = report.sequence.facts, report.sequence.span, report.sequence.n_frames
-    stated = [word for word in (facts.modality, _cavity(str(facts.cavity))) if word]
+    stated = [word for word in (facts.modality, _CAVITIES.get(str(facts.cavity))) if word]
     what = "Motion analysis, " if report.name else ""
     line = (
         f"{what}{report.issued:%Y-%m-%d %H:%M} UTC",
@@ -129,11 +136,6 @@ def report_figure(report: Report) -> Figure:
     _write_quantities(figure, report)
     _write_words(figure, report)
     return figure
-
-
-def _cavity(name: str) -> str:
-    words = {"lv": "left ventricle", "rv": "right ventricle", "la": "left atrium"}
-    return {**words, "ra": "right atrium"}.get(name, "")
 
 
 def _draw_surface(axes: Axes, report: Report, frame: int) -> None:

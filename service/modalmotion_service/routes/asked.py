@@ -120,7 +120,10 @@ class Asked:
         work = self.state.runner.perform(self.wait, what, request, file)
         done = await self.unless_left(work)
         if not isinstance(done, Outcome):
-            return accepted(done)
+            answer = job_answer(done)
+            headers = {"Location": answer.links["self"], "Retry-After": "1"}
+            headers["Preference-Applied"] = "respond-async"
+            return Response(answer.model_dump_json(), 202, headers, media.JSON)
         gate.note_facts(self.http, done.filled)
         headers = {**done.headers, **headers}
         if len(what.media_types) > 1:
@@ -292,14 +295,6 @@ def job_answer(job: jobs.Job, text: str | None = None) -> general.JobAnswer:
         result=f"{here}/result" if "file" in result else result.get("link"),
         links={"self": here},
     )
-
-
-def accepted(job: jobs.Job) -> Response:
-    """Answer 202 with a job."""
-    answer = job_answer(job)
-    headers = {"Location": answer.links["self"], "Retry-After": "1"}
-    headers["Preference-Applied"] = "respond-async"
-    return Response(answer.model_dump_json(), 202, headers, media.JSON)
 
 
 def page_of(names: list[str], limit: int, cursor: str | None) -> tuple[list[str], str | None]:
