@@ -16,7 +16,7 @@ from modalmotion.modes.topologies import CUP, PLANE
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, Ints, counted, numeral, shown, with_article
-from modalmotion.signature import fit, making, reconstruction, superposition
+from modalmotion.signature import fit, making, normal_displacements, reconstruction
 from modalmotion.template import Template, body_frame
 
 # Of the cube of the size: a surface that encloses less is a sheet, to rounding.
@@ -348,7 +348,7 @@ def superposed_positions(
     step = max(1, _BLOCK // (3 * n_vertices))
     if signature.kind == making.SignatureKind.NORMAL_DISPLACEMENT:
         # Normal displacements have no affine part that could be separated.
-        normals, _ = superposition.normal_reference(template, rest)
+        normals, _ = normal_displacements.normal_reference(template, rest)
         for first in range(0, n_frames, step):
             part = slice(first, first + step)
             u = body_frame.from_local(

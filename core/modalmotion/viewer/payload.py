@@ -23,7 +23,7 @@ from modalmotion.modes.topologies import CUP, CYLINDER, SPHERE
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.pictures.views import upright
 from modalmotion.representation import Floats
-from modalmotion.signature import mode_names, reconstruction, superposition
+from modalmotion.signature import mode_names, normal_displacements, reconstruction
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template import Template, body_frame
 from modalmotion.template.template import nearest_in_use, shapes_of
@@ -183,7 +183,7 @@ def _placed(
     start = alignment.reference_positions(sequence, signature.parameters.reference)
     if signature.kind != SignatureKind.NORMAL_DISPLACEMENT:
         return used, start, used.weights @ start, None
-    directions, centre = superposition.normal_reference(used, start)
+    directions, centre = normal_displacements.normal_reference(used, start)
     return used, start, centre, directions
 
 
