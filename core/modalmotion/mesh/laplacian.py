@@ -79,9 +79,7 @@ def _symmetric(n: int, rows: Ints, columns: Ints, values: Floats) -> "scipy.spar
     off = scipy.sparse.csc_array((values, (rows, columns)), shape=(n, n))
     off = off + off.T
     diagonal = -np.asarray(off.sum(axis=0)).ravel()
-    return scipy.sparse.csc_array(
-        off + scipy.sparse.csc_array((diagonal, (np.arange(n), np.arange(n))), shape=(n, n)),
-    )
+    return scipy.sparse.csc_array(off + scipy.sparse.diags_array(diagonal))
 
 
 # Couplings below this share of the diagonals join no group: with less, thin triangles slow it.
