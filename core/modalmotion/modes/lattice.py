@@ -56,11 +56,8 @@ class Lattice:
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", whole_numbers("shape", self.shape))
         topologies.require_shape(self.topology, self.shape)
-        if isinstance(self.stiffness, tuple):
-            for K in self.stiffness:
-                real("A stiffness", K)
-        else:
-            real("stiffness, one number or a tuple of one for each axis,", self.stiffness)
+        for K in self.stiffnesses:
+            real("stiffness, one number or a tuple of one for each axis,", K)
         real("mass", self.mass)
         for name, value in (("stiffness K", self.stiffnesses), ("mass M", (self.mass,))):
             if not all(math.isfinite(v) and v > 0 for v in value):
@@ -90,7 +87,7 @@ class Lattice:
         """K along each axis."""
         if isinstance(self.stiffness, tuple):
             return self.stiffness
-        return (float(self.stiffness),) * self.topology.n_axes
+        return (self.stiffness,) * self.topology.n_axes
 
     @cached_property
     def squared_speeds(self) -> tuple[Floats, int]:
@@ -143,8 +140,7 @@ class Lattice:
             h = modes.half_periods[:, axis]
             half_angle = sin_pi(h, n if ends == topologies.CLOSED else 4 * n)
             omega_squared += (4.0 * ratio) * half_angle**2
-        frequencies: Floats = np.ldexp(np.sqrt(omega_squared), exponent // 2)
-        return frequencies
+        return np.asarray(np.ldexp(np.sqrt(omega_squared), exponent // 2))
 
     def shapes(self, modes: ModeSet, nodes: Ints | list[int] | None = None) -> Floats:
         """Evaluate mode shapes at the nodes, the Phi of (6) K Phi = M Phi Omega^2.
@@ -704,8 +700,7 @@ def exact_products(factors: Ints, others: Ints, modulus: int) -> Ints:
     """
     most = _largest(factors) * _largest(others)
     if most < 2**62:
-        reduced: Ints = np.multiply.outer(factors, others) % modulus
-        return reduced
+        return np.asarray(np.multiply.outer(factors, others) % modulus)
     exact = np.multiply.outer(factors.astype(object), others.astype(object)) % modulus
     return np.asarray(exact, dtype=np.int64)
 

@@ -45,7 +45,7 @@ def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
     StoreError
         If HDF5 cannot contain the unit as text.
     """
-    unit = signature.unit or UNKNOWN
+    unit, determined = signature.unit or UNKNOWN, signature.rotations.is_determined
     ids = {
         "sequence_id": signature.sequence_id,
         "template_id": signature.template_id,
@@ -59,12 +59,7 @@ def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
         *mode_datasets(signature.modes),
         Dataset("angular_frequencies", signature.angular_frequencies, "rad/s", "mode"),
         Dataset("rotations", signature.rotations.matrices, "1", "frame, row, column"),
-        Dataset(
-            "rotation_is_determined",
-            signature.rotations.is_determined.astype(np.uint8),
-            "1",
-            "frame",
-        ),
+        Dataset("rotation_is_determined", determined.astype(np.uint8), "1", "frame"),
         Dataset("reference_amplitudes", signature.reference_amplitudes, unit, "mode, direction"),
         Dataset("translations", signature.translations, unit, "frame, direction"),
         *(Dataset(name, getattr(signature, name), unit, "frame") for name in LENGTHS_OF_FRAMES),
@@ -84,13 +79,14 @@ def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
         datasets.append(json_text("choice", plain(signature.choice)))
     if signature.landmarks is not None:
         datasets += landmark_datasets(signature.landmarks, unit)
-    if signature.volumes is not None:
-        datasets.append(Dataset("volumes", signature.volumes, f"{unit}^3", "frame"))
-    if signature.amplitude_deviations is not None:
-        deviations = signature.amplitude_deviations
-        datasets.append(Dataset("amplitude_deviations", deviations, unit, "frame, mode, direction"))
-    if signature.times is not None:
-        datasets.append(Dataset("times", signature.times, "s", "frame"))
+    optional = (
+        ("volumes", f"{unit}^3", "frame"),
+        ("amplitude_deviations", unit, "frame, mode, direction"),
+        ("times", "s", "frame"),
+    )
+    for name, of, axes in optional:
+        if (values := getattr(signature, name)) is not None:
+            datasets.append(Dataset(name, values, of, axes))
     return FORM.image(ids, datasets, topology=signature.surface, unit=unit)
 
 
@@ -120,22 +116,23 @@ def _signature(contents: Contents) -> making.ModalSignature:
     amplitudes = contents.array("amplitudes", (None, None, parameters.n_directions))
     n_frames, n_modes, _ = amplitudes.shape
 
-    def per_frame(name: str) -> Any:
-        return contents.array(name, (n_frames,))
+    def optional(name: str, *shape: int) -> Any:
+        return contents.array(name, shape) if name in contents.arrays else None
 
+    chosen = contents.json("choice", dict) if "choice" in contents.arrays else {}
     return making.ModalSignature(
         modes=_modes(contents, n_modes),
         amplitudes=amplitudes,
         angular_frequencies=contents.array("angular_frequencies", (n_modes,)),
         rotations=alignment.Rotations(
             contents.array("rotations", (n_frames, 3, 3)),
-            per_frame("rotation_is_determined").astype(np.bool_),
+            contents.array("rotation_is_determined", (n_frames,)).astype(np.bool_),
         ),
         reference_amplitudes=contents.array("reference_amplitudes", (n_modes, 3)),
-        volumes=per_frame("volumes") if "volumes" in contents.arrays else None,
+        volumes=optional("volumes", n_frames),
         translations=contents.array("translations", (n_frames, 3)),
-        **{name: per_frame(name) for name in LENGTHS_OF_FRAMES},
-        times=per_frame("times") if "times" in contents.arrays else None,
+        **{name: contents.array(name, (n_frames,)) for name in LENGTHS_OF_FRAMES},
+        times=optional("times", n_frames),
         unit=contents.unit,
         n_vertices=contents.number("n_vertices"),
         lengths=tuple(contents.array("lengths", (None,)).tolist()),
@@ -146,16 +143,8 @@ def _signature(contents: Contents) -> making.ModalSignature:
         template_id=contents.text("template_id"),
         notes=notes_from_json(contents.json("notes", list)),
         provenance=contents.json("provenance", dict),
-        choice=(
-            choice.ModelChoice.from_json(contents.json("choice", dict))
-            if "choice" in contents.arrays
-            else None
-        ),
-        amplitude_deviations=(
-            contents.array("amplitude_deviations", amplitudes.shape)
-            if "amplitude_deviations" in contents.arrays
-            else None
-        ),
+        choice=choice.ModelChoice.from_json(chosen) if chosen else None,
+        amplitude_deviations=optional("amplitude_deviations", *amplitudes.shape),
         facts=facts_from_json(contents.json("facts", dict) if "facts" in contents.arrays else {}),
     )
 

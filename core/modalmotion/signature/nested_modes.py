@@ -126,11 +126,6 @@ class Energies:
     overlaps: Floats | None = None
     cross: Floats | None = None
 
-    @property
-    def n_frames(self) -> int:
-        """Number of frames."""
-        return len(self.coefficients)
-
     def rms(self, counts: Ints) -> Floats:
         """RMS error of the first so many modes over all frames.
 
@@ -143,10 +138,9 @@ class Energies:
         -------
         (sets,) float64, length unit
         """
-        by_mode = self._added(self.coefficients, self.cross).sum(axis=0) / self.n_frames
+        by_mode = self._added(self.coefficients, self.cross).sum(axis=0) / len(self.coefficients)
         squares = float(self.outside.mean()) + _dropped(by_mode)[counts]
-        rms: Floats = self.scale * np.sqrt(np.maximum(squares, 0.0))
-        return rms
+        return np.asarray(self.scale * np.sqrt(np.maximum(squares, 0.0)))
 
     def joint_rms(self, counts: Ints, harmonics: "Harmonics") -> Floats:
         """RMS error of the first so many modes, their paths limited to harmonics.
@@ -156,8 +150,7 @@ class Energies:
         (sets, harmonics + 1) float64, length unit
             From 0 harmonics to the largest number available.
         """
-        f = self.n_frames
-        T = harmonics.functions
+        f, T = len(self.coefficients), harmonics.functions
         along, beyond = _split(self.coefficients, T)
         cross_along, cross_beyond = (None, None) if self.cross is None else _split(self.cross, T)
         by_function = self._added(along, cross_along) / f
@@ -168,8 +161,7 @@ class Energies:
         late = np.concatenate([np.zeros((len(n), 1)), np.cumsum(lost, axis=1)], axis=1)
         by_mode = by_function.sum(axis=0) + left
         squares = float(self.outside.mean()) + _dropped(by_mode)[counts][:, None] + late.T[counts]
-        joint: Floats = self.scale * np.sqrt(np.maximum(squares, 0.0))
-        return joint
+        return np.asarray(self.scale * np.sqrt(np.maximum(squares, 0.0)))
 
     def _added(self, c: Floats, cross: Floats | None) -> Floats:
         """Mean square that each mode adds when it is dropped after all later ones, by row.
@@ -183,15 +175,13 @@ class Energies:
         (rows, modes) float64
         """
         if self.overlaps is None or cross is None:
-            squares: Floats = (c**2).sum(axis=2)
-            return squares
+            return np.asarray((c**2).sum(axis=2))
         # sum_{i,j >= k} G_ij c_i c_j grows by c_k (G_kk c_k + 2 sum_{j > k} G_kj c_j)
         G = np.diag(np.diag(self.overlaps)) + 2.0 * np.triu(self.overlaps, 1)
         rows, m, n_directions = c.shape
         flat = np.ascontiguousarray(c.transpose(1, 0, 2).reshape(m, -1))
         later = (G @ flat).reshape(m, rows, n_directions).transpose(1, 0, 2)
-        added: Floats = (c * (later + 2.0 * cross)).sum(axis=2)
-        return added
+        return np.asarray((c * (later + 2.0 * cross)).sum(axis=2))
 
 
 def energies_of(fitter: Fitter, fit: Fit, kind: ErrorKind = ErrorKind.WEIGHTED_RMS) -> Energies:
@@ -313,6 +303,11 @@ def n_functions(harmonics: int) -> int:
     return 2 * harmonics + 2
 
 
+def numbers_of_path(n_frames: int, harmonics: int | None) -> int:
+    """Count the numbers of each amplitude's path, limited to harmonics or not."""
+    return n_frames if harmonics is None else min(n_functions(harmonics), n_frames)
+
+
 def harmonics_of(n_frames: int, times: Floats | None) -> Harmonics:
     """Make the functions of time of a sequence, as many as its frames tell apart.
 
@@ -353,10 +348,8 @@ def required_harmonics(fitter: Fitter) -> Harmonics:
     ------
     ParameterError
     """
-    available, harmonics = (
-        harmonics_of(fitter.sequence.n_frames, fitter.sequence.times),
-        fitter.parameters.harmonics or 0,
-    )
+    available = harmonics_of(fitter.sequence.n_frames, fitter.sequence.times)
+    harmonics = fitter.parameters.harmonics or 0
     if harmonics > available.most:
         raise ParameterError(
             f"{harmonics} harmonics cannot be distinguished in {fitter.sequence.n_frames} frames.",

@@ -64,10 +64,6 @@ class SmoothNoise:
             np.divide(field, np.sqrt(squares / n_counted), out=fields[k])
         return SmoothNoise(edges, fields)
 
-    def coefficients(self, rows: Floats) -> Floats:
-        """Coefficients rows @ field of shapes, (mixings, modes, fields) float64."""
-        return np.stack([rows @ field for field in self.fields])
-
     def beside(self, k: int) -> float:
         """Correlation of neighbours after `MIXINGS[k]` mixings."""
         if not len(self.edges):
@@ -101,8 +97,7 @@ def independent(products: Floats) -> Floats:
     n, own = products.shape[-1], np.diagonal(products, axis1=-2, axis2=-1)
     # E (x'y)^2 = tr(C^2) for independent fields x and y.
     squares = ((products**2).sum(axis=(-2, -1)) - (own**2).sum(axis=-1)) / (n * (n - 1))
-    found: Floats = own.mean(axis=-1) ** 2 / np.maximum(squares, 1e-300)
-    return found
+    return np.asarray(own.mean(axis=-1) ** 2 / np.maximum(squares, 1e-300))
 
 
 def shares_of(basis: Basis, noise: SmoothNoise, mixed: int) -> Floats:
@@ -131,8 +126,7 @@ def edges_of(template: Template) -> Ints:
 def over_time(correlation: float, n_frames: int) -> Floats:
     """Correlations of the noise of any two frames, (frames, frames) float64."""
     lags = np.abs(np.subtract.outer(np.arange(n_frames), np.arange(n_frames)))
-    result: Floats = np.float64(correlation) ** lags
-    return result
+    return np.asarray(np.float64(correlation) ** lags)
 
 
 # Modes that make bands, their largest share of the vertices, and their number in a band.
@@ -248,7 +242,7 @@ def bands_of(
     paths = [*np.array_split(c[shift:], n_bands), left]
     # A small product for each direction: one thread does it.
     grams = [x.transpose(1, 2, 0) @ x.transpose(1, 0, 2) for x in paths]
-    own = noise.coefficients(rows)
+    own = np.stack([rows @ field for field in noise.fields])
     bands = [products_of(part) for part in np.array_split(own[:, shift:], n_bands, axis=1)]
     # What orthonormal shapes leave has the products that theirs lack.
     parts = np.stack([*bands, products_of(noise.fields, weights) - products_of(own)], axis=1)
@@ -284,8 +278,7 @@ def likelihoods(energies: Floats, log_dets: Floats, columns: Floats, cost: float
     with np.errstate(divide="ignore", invalid="ignore"):
         levels = np.where(noises > 0, noises * np.log(rest / noises), 0.0)
     found = -0.5 * n[:, None] * (levels + own + log_dets[:, None, None]) - cost * moving
-    best: Floats = found.max(axis=2).sum(axis=1)
-    return best
+    return np.asarray(found.max(axis=2).sum(axis=1))
 
 
 def levels_of(

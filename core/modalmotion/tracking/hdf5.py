@@ -88,6 +88,15 @@ def track_to_hdf5(track: result.Track) -> bytes:
     sequence, template, known = track.sequence, track.template, track.sequence.uncertainty
     unit = sequence.unit or UNKNOWN
     across = track.covariances if known is None else known.across
+    estimate = {
+        "prior": asdict(track.prior),
+        "noise": asdict(track.noise),
+        "reference": track.reference,
+        "volume_correlation": track.volume_correlation,
+        "images": None if track.images is None else asdict(track.images),
+        "ejection_fraction_percent": track.ejection_fraction,
+        "ejection_fraction_bound": track.ejection_fraction_bound,
+    }
     datasets = [
         *sequence_datasets(sequence),
         *template_datasets(template, unit, _SHAPE),
@@ -97,7 +106,7 @@ def track_to_hdf5(track: result.Track) -> bytes:
         Dataset("across_covariances", across, f"{unit}^2", _TRACK["covariances"][1]),
         Dataset("determined", track.determined, "1", "mode, normal and tangential"),
         Dataset("unseen", np.array(track.unseen, dtype="<i8"), "1", "frame"),
-        json_text("estimate", _estimate(track)),
+        json_text("estimate", estimate),
         json_text("notes", track.notes),
         json_text("provenance", dict(track.provenance)),
     ]
@@ -162,18 +171,6 @@ def _data_in(contents: Contents, sizes: Mapping[str, int]) -> result.SampledData
         raise ValueError(f"the frames have {counts.sum()} points, and there are {n}")
     arrays["are_landmarks"] = arrays["are_landmarks"].astype(np.bool_)
     return result.SampledData(**arrays)
-
-
-def _estimate(track: result.Track) -> dict[str, object]:
-    return {
-        "prior": asdict(track.prior),
-        "noise": asdict(track.noise),
-        "reference": track.reference,
-        "volume_correlation": track.volume_correlation,
-        "images": None if track.images is None else asdict(track.images),
-        "ejection_fraction_percent": track.ejection_fraction,
-        "ejection_fraction_bound": track.ejection_fraction_bound,
-    }
 
 
 def _track_in(contents: Contents) -> result.Track:
