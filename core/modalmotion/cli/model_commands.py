@@ -21,18 +21,9 @@ if TYPE_CHECKING:
     from modalmotion.classification.cases import LeftOut
 
 
-_HELP: Final = {
-    "modes": "Modes of the signatures; 3 amplitudes per frame each.",
-    "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
-    "kind": "material: points follow the tissue; normal_displacement: for points that may "
-    "slide over it; by default what all recordings state, and else the better of both.",
-    "timing": "cycle: one period of a cycle; transient: a movement with a beginning and an end.",
-    "folds": "Folds of the grouped cross-validation.",
-    "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
-    "groups": "Column of the manifest, such as site, whose cases are never divided by a split.",
-    "seed": "Seed of all random numbers.",
-}
-_OWN: Final[dict[str, Any]] = {name: {"help": text} for name, text in _HELP.items()}
+_OF_TRAINING: Final = (
+    *("modes", "topology", "kind", "timing", "folds", "repetitions", "groups", "seed"),
+)
 
 
 @shared.command("evaluate mine.h5 others.csv")
@@ -227,7 +218,7 @@ def features(
 
 @shared.command("train cases.csv --name mine -o mine.h5")
 @shared.labelled_sources
-@shared.options_of(TrainingOptions, *_HELP, **_OWN)
+@shared.options_of(TrainingOptions, *_OF_TRAINING)
 def train(
     sources: tuple[Path, ...],
     skip_unreadable: bool,

@@ -6,7 +6,6 @@ from pathlib import Path
 from modalmotion.classification import card, model_files
 from modalmotion.classification.model import Model
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
-from modalmotion.hdf5.image import require_match
 from modalmotion.hdf5.sealed import is_sound, load_sealed
 from modalmotion.norm.norm import Norm, norm_from_hdf5, norm_to_hdf5
 from modalmotion.store import deletion, disk, folders, sequences
@@ -146,9 +145,7 @@ class ModelStore(Opening):
             If its file is damaged; LostFileError if it is gone.
         """
         path = self.model_path(name, version)
-        stored_model, contents = model_files.read_kept_model(path)
-        require_match(path, contents, model=name, version=version)
-        return stored_model
+        return model_files.read_kept_model(path, {"model": name, "version": version})
 
     def model(self, name: str, version: int | None = None) -> Model:
         """Load a version of a model, the newest by default.

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Final, Self, TypeVar
 
 from modalmotion import errors, mesh
-from modalmotion.hdf5.image import Contents, require_match
 from modalmotion.store import deletion, folders, recovery
 from modalmotion.store.database import Database
 from modalmotion.store.disk import (
@@ -173,16 +172,15 @@ class Opening:
 
     def _read(
         self,
-        reader: Callable[[Path], tuple[T, Contents]],
+        reader: Callable[..., T],
         locate: Callable[[], Path],
         *,
         sequence_id: str,
         **ids: str,
     ) -> T:
         """Read what `locate` finds in the index, and check its ids."""
-        value, contents = reader(path := self._present(locate, sequence_id))
-        require_match(path, contents, sequence_id=sequence_id, **ids)
-        return value
+        ids["sequence_id"] = sequence_id
+        return reader(self._present(locate, sequence_id), ids=ids)
 
     def _present(self, locate: Callable[[], Path], sequence_id: str) -> Path:
         """Give what `locate` finds in the index, if it is there.

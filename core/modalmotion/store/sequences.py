@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from modalmotion import errors, mesh
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
-from modalmotion.mesh.sequence import MeshSequence, read_sequence, sequence_to_hdf5
+from modalmotion.mesh.sequence import MeshSequence, sequence_from_hdf5, sequence_to_hdf5
 from modalmotion.store import deletion, disk, opening
 from modalmotion.store.folders import (
     ResultName,
@@ -287,7 +287,7 @@ class SequenceStore(opening.SequenceRecords):
             If its file is damaged; LostFileError if it is gone.
         """
         locate = partial(self._upload, sequence_id)
-        sequence = self._read(read_sequence, locate, sequence_id=sequence_id)
+        sequence = self._read(sequence_from_hdf5, locate, sequence_id=sequence_id)
         return sequence.with_facts(self.sequence_record(sequence_id).facts)
 
     def delete_sequence(self, sequence_id: str) -> None:
