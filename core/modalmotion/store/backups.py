@@ -217,7 +217,9 @@ def _bring_up_to_date(
     staged: dict[PurePath, Path] = {}
     try:
         for name in databases:
-            staged[name] = _stage_database(root / name, copy / name)
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            staged[name] = temporary_beside(copy / name)
+            _stage_database(root / name, staged[name])
         # Again: what the databases name by now is there.
         present = {name for name in _files_of(root) if name.suffix != ".sqlite"}
         looked_at = reported(sorted(present), progress)
@@ -320,21 +322,15 @@ def _copy(source: Path, copy: Path) -> None:
         sync_paths([temporary])
 
 
-def _stage_database(source: Path, copy: Path) -> Path:
+def _stage_database(source: Path, temporary: Path) -> None:
     """Copy a database as of one moment, even during writes."""
-    copy.parent.mkdir(parents=True, exist_ok=True)
-    temporary = temporary_beside(copy)
     try:
         with contextlib.closing(sqlite3.connect(source)) as database:
             database.execute("VACUUM INTO ?", [str(temporary)])
-        shutil.copymode(source, temporary)
-        sync_paths([temporary])
-    except BaseException as error:
-        temporary.unlink(missing_ok=True)
-        if isinstance(error, sqlite3.Error):
-            raise OSError(5, str(error), str(copy)) from error
-        raise
-    return temporary
+    except sqlite3.Error as error:
+        raise OSError(5, str(error), str(temporary)) from error
+    shutil.copymode(source, temporary)
+    sync_paths([temporary])
 
 
 def _remove_logs(database: Path) -> None:

@@ -10,7 +10,7 @@ from modalmotion.hdf5.sealed import is_sound, load_sealed
 from modalmotion.norm.norm import Norm, norm_from_hdf5, norm_to_hdf5
 from modalmotion.store import deletion, disk, folders, sequences
 from modalmotion.store.index import now
-from modalmotion.store.opening import Opening, lost_file
+from modalmotion.store.opening import Opening
 
 
 class ModelStore(Opening):
@@ -72,10 +72,8 @@ class ModelStore(Opening):
         """
         versions = self._open_index().versions(name) if card.is_model_name(name) else []
         remaining = [record for record in versions if record.deleted is None]
-        matches = [record for record in versions if version in (None, record.version)]
-        for record in reversed(matches):
-            if record.deleted is None:
-                return record
+        if found := [record for record in remaining if version in (None, record.version)]:
+            return found[-1]
         if version is None or not remaining:
             raise NotFoundError(
                 f"There is no model named {str(name)[:80]!r}"
@@ -83,7 +81,8 @@ class ModelStore(Opening):
                 remedy="Use one that is listed, or train it.",
                 details={"model": str(name)[:80]},
             )
-        deleted = " any more: it was deleted" if matches else ""
+        is_known = any(record.version == version for record in versions)
+        deleted = " any more: it was deleted" if is_known else ""
         raise NotFoundError(
             f"There is no version {version} of the model {name!r}{deleted}.",
             remedy=f"Use one of {', '.join(str(record.version) for record in remaining[-20:])}.",
@@ -124,15 +123,12 @@ class ModelStore(Opening):
         LostFileError
             If its file is gone.
         """
-        path = self._folder.path("models", self.model_record(name, version).reference)
-        if not path.is_file():
-            # Deleted meanwhile, or gone.
-            self.model_record(name, version)
-            raise lost_file(
-                f"The file of the model {name}@{version}",
-                "Train the model again, which makes a new version",
-            )
-        return path
+        return self._present(
+            lambda: self._folder.path("models", self.model_record(name, version).reference),
+            _lock_of(name),
+            f"The file of the model {name}@{version}",
+            "Train the model again, which makes a new version",
+        )
 
     def kept_model(self, name: str, version: int) -> model_files.KeptModel:
         """Read the file of a version without interpreting the model in it.

@@ -36,10 +36,13 @@ class Opening:
     ----------
     root : Path
         The folder; made where it is missing.
+    keep_uploads : bool
+        Whether the vertices of new sequences are kept, or only their records.
     """
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, *, keep_uploads: bool = True) -> None:
         self.root = root
+        self.keep_uploads = keep_uploads
         self._folder = folders.Folder(root)
         self._lock: FolderLock | None = None
         self._index: Index | None = None
@@ -182,8 +185,22 @@ class Opening:
         ids["sequence_id"] = sequence_id
         return reader(self._present(locate, sequence_id), ids=ids)
 
-    def _present(self, locate: Callable[[], Path], sequence_id: str) -> Path:
+    def _present(
+        self,
+        locate: Callable[[], Path],
+        sequence_id: str,
+        what: str = "",
+        way: str = "Make it again",
+    ) -> Path:
         """Give what `locate` finds in the index, if it is there.
+
+        Parameters
+        ----------
+        locate : callable
+        sequence_id : str
+            By which changes are kept out.
+        what, way : str, optional
+            Its name, and the beginning of a remedy, where it is gone.
 
         Raises
         ------
@@ -200,28 +217,13 @@ class Opening:
         if is_there:
             return path
         if path == self._folder.path("uploads", sequence_id):
-            raise lost_file(
-                f"The file of sequence {sequence_id[:12]} with its vertices",
-                "Send the sequence again, which stores them under the same id",
-            )
-        what = f"The file of a {path.parents[1].name[:-1]} of sequence {sequence_id[:12]}"
-        raise lost_file(what, "Make it again")
-
-
-def lost_file(what: str, way: str) -> errors.LostFileError:
-    """Error for a file that the index knows and that is gone.
-
-    Parameters
-    ----------
-    what : str
-        With its name.
-    way : str
-        Beginning of a remedy.
-    """
-    return errors.LostFileError(
-        f"{what} is lost: it was stored and not deleted, and its file is missing.",
-        remedy=f"{way}; or restore it from a backup (`modalmotion store restore`).",
-    )
+            what = f"The file of sequence {sequence_id[:12]} with its vertices"
+            way = "Send the sequence again, which stores them under the same id"
+        what = what or f"The file of a {path.parents[1].name[:-1]} of sequence {sequence_id[:12]}"
+        raise errors.LostFileError(
+            f"{what} is lost: it was stored and not deleted, and its file is missing.",
+            remedy=f"{way}; or restore it from a backup (`modalmotion store restore`).",
+        )
 
 
 def unknown_sequence(sequence_id: object) -> errors.NotFoundError:

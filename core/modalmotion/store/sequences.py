@@ -24,19 +24,7 @@ from modalmotion.store.index import now
 
 
 class SequenceStore(opening.SequenceRecords):
-    """Sequences in a folder.
-
-    Parameters
-    ----------
-    root : Path
-        The folder; made where it is missing.
-    keep_uploads : bool
-        Whether the vertices of new sequences are kept, or only their records.
-    """
-
-    def __init__(self, root: Path, *, keep_uploads: bool = True) -> None:
-        super().__init__(root)
-        self.keep_uploads = keep_uploads
+    """Sequences in a folder."""
 
     def put_sequence(
         self, sequence: MeshSequence, *, subject: str | None = None, label: str | None = None
