@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -115,7 +115,10 @@ def classify(
         from modalmotion.pictures.classification import answer_figure
 
         shared.write_picture(answer_figure(result), plot)
-    return _answer_json(result), _answer_lines(result)
+    named = ("sequence_id", "model", "model_id", "label", "class_set", "coverage", "flags", "notes")
+    answer = shared.members(result, *named, "explanation")
+    answer["probabilities"] = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
+    return answer, _answer_lines(result)
 
 
 @shared.command("card mine.h5 --markdown -o README.md")
@@ -305,15 +308,3 @@ def _answer_lines(result: Classification) -> Iterator[str]:
         size = f"{numeral(part.amplitude):>8} {unit}, {part.per_unit:+.2f} per {unit}"
         yield f"  {part.score:+7.2f}  {size}  {' '.join(part.modes)}"
     yield from (f"note: {note}" for note in result.notes)
-
-
-def _answer_json(result: Classification) -> dict[str, object]:
-    """Give the members of a model's answer for a sequence, as JSON has them."""
-    return {
-        **shared.members(
-            result, "sequence_id", "model", "model_id", "label", "class_set", "coverage"
-        ),
-        "probabilities": dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
-        **shared.members(result, "flags", "notes"),
-        "explanation": [asdict(part) for part in result.explanation],
-    }

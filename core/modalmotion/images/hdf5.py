@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -12,14 +12,6 @@ from modalmotion.notes import notes_from_json
 from modalmotion.representation import Array, Floats
 
 FORM: Final = Form("images", 2)
-
-
-class _Part(NamedTuple):
-    """Place of a volume's or plane's samples: the dataset of all that are alike, and its row."""
-
-    frame: int
-    dataset: int
-    row: int
 
 
 def write_images(path: Path, images: ImageSequence) -> None:
@@ -32,14 +24,14 @@ def write_images(path: Path, images: ImageSequence) -> None:
     images : ImageSequence
     """
     alike: dict[tuple[str, tuple[int, ...]], list[Array]] = {}
-    places: list[_Part] = []
+    places: list[tuple[int, int, int]] = []
     affines: list[Floats] = []
     thicknesses: list[float] = []
     for k, frame in enumerate(images.frames):
         for part in () if frame is None else parts_of(frame):
             key = (part.values.dtype.str, part.values.shape)
             rows = alike.setdefault(key, [])
-            places.append(_Part(k, list(alike).index(key), len(rows)))
+            places.append((k, list(alike).index(key), len(rows)))
             rows.append(part.values)
             affines.append(np.column_stack([part.affine, np.zeros((3, 4 - part.affine.shape[1]))]))
             thicknesses.append(part.thickness if isinstance(part, Plane) else 0.0)
