@@ -72,9 +72,8 @@ def run_the_readmes_python(service: RunningService) -> None:
 
 def test_the_table_of_extras_is_that_of_the_project() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    named = re.findall(
-        r"^\| `(\w+)` \|", (ROOT / "CONTRIBUTING.md").read_text(), flags=re.MULTILINE
-    )
+    page = (ROOT / "docs/start.md").read_text()
+    named = re.findall(r"^\| `(\w+)` \|", page, flags=re.MULTILINE)
     assert sorted(named) == sorted(project["optional-dependencies"])
 
 

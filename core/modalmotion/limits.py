@@ -55,36 +55,37 @@ class ReadLimits:
             return self
         return replace(self, unfolded_bytes=max(least, ratio * n_bytes))
 
-    def require(self, name: str, value: int) -> None:
-        """Refuse a declared size above its limit.
+    def require(self, **declared: int) -> None:
+        """Refuse declared sizes above their limits.
 
         Parameters
         ----------
-        name : {"frames", "vertices", "faces", "decompressed_bytes"}
-        value : int
+        **declared : int
+            By the names of limits: frames, vertices, faces, decompressed_bytes.
 
         Raises
         ------
         LimitError
             Names the limit, its value and the declared size.
         """
-        most: int = getattr(self, name)
-        if name == "decompressed_bytes" and self.unfolded_bytes < min(value, most):
-            raise LimitError(
-                f"The file unfolds to {value} bytes; one of its size may unfold to "
-                f"{self.unfolded_bytes}.",
-                remedy="Send it uncompressed (npz of numpy.savez, say), or fewer frames.",
-                limit="unfolded_bytes",
-                details={"value": value, "most": self.unfolded_bytes},
-            )
-        if value > most:
-            words = name.replace("_", " ")
-            raise LimitError(
-                f"The input declares {value} {words}; at most {most} are accepted.",
-                remedy="Send fewer frames or a coarser mesh, or have the limit raised.",
-                limit=name,
-                details={"value": value, "most": most},
-            )
+        for name, value in declared.items():
+            most: int = getattr(self, name)
+            if name == "decompressed_bytes" and self.unfolded_bytes < min(value, most):
+                raise LimitError(
+                    f"The file unfolds to {value} bytes; one of its size may unfold to "
+                    f"{self.unfolded_bytes}.",
+                    remedy="Send it uncompressed (npz of numpy.savez, say), or fewer frames.",
+                    limit="unfolded_bytes",
+                    details={"value": value, "most": self.unfolded_bytes},
+                )
+            if value > most:
+                words = name.replace("_", " ")
+                raise LimitError(
+                    f"The input declares {value} {words}; at most {most} are accepted.",
+                    remedy="Send fewer frames or a coarser mesh, or have the limit raised.",
+                    limit=name,
+                    details={"value": value, "most": most},
+                )
 
 
 DEFAULT_LIMITS = ReadLimits()

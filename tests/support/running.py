@@ -51,6 +51,8 @@ class RunningService:
             probe.bind(("127.0.0.1", 0))
             self.port = probe.getsockname()[1]
         environment = {**os.environ, **{f"MODALMOTION_{k}": v for k, v in self.settings.items()}}
+        # The folder of real recordings is the tests' own setting: a service would warn of it.
+        environment.pop("MODALMOTION_DATA", None)
         if self.log == Path():
             self.log = self.data_dir.parent / "service.log"
         # Its own group, so that a test can end it with all of its workers.

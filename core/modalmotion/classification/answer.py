@@ -20,7 +20,7 @@ from modalmotion.classification.model_files import (
     shipped_for,
 )
 from modalmotion.classification.motion import Motion
-from modalmotion.classification.motion_features import AXIS, VOLUME, volume_share, waves_of
+from modalmotion.classification.motion_features import VOLUME, volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.hdf5.image import ANY_IDS, Dataset, Form, Ids, json_text
 from modalmotion.mesh import spring_modes
@@ -423,17 +423,13 @@ def _explanation(
     reads = model.reads @ of_group > 0.0
     alone = reads & (reads.sum(axis=1, keepdims=True) == 1)
     scores, sizes = (lead @ alone).tolist(), np.sqrt(squares @ of_group).tolist()
-    # About an axis each feature is of one group, and of no other's size: all grow at once.
-    at_once = all(table.what in (AXIS, VOLUME) for table in model.tables)
-    every = _by_growth(model, motion, np.arange(len(motion.modes)), features)
     parts = []
     motion_rms = math.sqrt(squares.sum())
     for k in np.flatnonzero(alone.any(axis=0)).tolist():
         per_unit, size = 0.0, sizes[k] if sizes[k] > _ROUNDING * motion_rms else 0.0
         if size > _STILL * motion_rms:
             own = np.flatnonzero(of_group[:, k])
-            change = every * alone[:, k] if at_once else _by_growth(model, motion, own, features)
-            per_unit = float(change @ weights) / size
+            per_unit = float(_by_growth(model, motion, own, features) @ weights) / size
         parts.append(ModeContribution(labels[k], scores[k], size, per_unit, signature.unit))
     return tuple(sorted(parts, key=lambda part: -abs(part.score)))
 

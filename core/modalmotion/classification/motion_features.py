@@ -102,32 +102,27 @@ def axis_columns(
 ) -> tuple[Column, ...]:
     """Columns of the values of `axis_parts`."""
     flat, c, s, n = _places(modes)
-    pairs: list[tuple[int, ...]] = [(i, j) for i, j in zip(c.tolist(), s.tolist(), strict=True)]
-    numbers = [tuple(modes.wavenumbers[i].tolist()) for i, _ in pairs]
-    levels = [(int(k), int(modes.wavenumbers[k, 0])) for k in flat]
-    signed: list[tuple[str, tuple[int, ...]]]
-    others: list[tuple[str, tuple[int, ...]]]
+    pairs = list(zip(c.tolist(), s.tolist(), strict=True))
+    levels: list[tuple[int, tuple[int, ...]]] = [
+        (p, (k,)) for k, p in zip(flat.tolist(), modes.wavenumbers[flat, 0].tolist(), strict=True)
+    ]
+
+    def named(names: dict[int, str], more: str) -> list[tuple[str, tuple[int, ...]]]:
+        """Name pairs by how often they turn."""
+        return [
+            (f"{names[turns]} {p}" if turns in names else f"{more} ({p}, {turns})", pair)
+            for (p, turns), pair in zip(modes.wavenumbers[c].tolist(), pairs, strict=True)
+        ]
+
     if along_normal:
         whole = int(np.flatnonzero(~modes.wavenumbers.any(axis=1))[0])
-        signed = [(f"radial {p}", (k,)) for k, p in [(whole, 0), *levels]]
-        names = {1: "side {0}", 2: "oval {0}"}
-        others = [
-            (names.get(turns, "lobe ({0}, {1})").format(p, turns), pair)
-            for (p, turns), pair in zip(numbers, pairs, strict=True)
-        ]
+        signed = [(f"radial {p}", of) for p, of in [(0, (whole,)), *levels]]
+        others = named({1: "side", 2: "oval"}, "lobe")
     else:
-        rings = [(p, pair) for (p, _), pair in zip(numbers[:n], pairs, strict=False)]
-        signed = [(f"{what} {p}", pair) for what in ("radial", "turning") for p, pair in rings]
-        signed += [(f"axial {p}", (k,)) for k, p in levels]
-        others = [(f"across {p}", (k,)) for k, p in levels]
-        for first, more in (("oval", "lobe"), ("tilt", "wave")):
-            others += [
-                (f"{first} {p}" if turns == 1 else f"{more} ({p}, {turns})", pair)
-                for (p, turns), pair in zip(numbers, pairs, strict=True)
-            ]
-        others += [
-            (f"side ({p}, {q})", pair) for (p, q), pair in zip(numbers[n:], pairs[n:], strict=True)
-        ]
+        signed = named({1: "radial"}, "")[:n] + named({1: "turning"}, "")[:n]
+        signed += [(f"axial {p}", of) for p, of in levels]
+        others = [(f"across {p}", of) for p, of in levels]
+        others += named({1: "oval"}, "lobe") + named({1: "tilt"}, "wave") + named({}, "side")[n:]
     columns = [
         Column(f"{name} {phase} {h}", of)
         for name, of in signed
@@ -135,11 +130,10 @@ def axis_columns(
         for phase in ("cos", "sin")
     ]
     del columns[1]
-    sides = (" towards zero", " across zero") if walls else ("",)
     columns += [
         Column(f"{name}{side} {phase} 1", of)
         for name, of in others
-        for side in sides
+        for side in ((" towards zero", " across zero") if walls else ("",))
         for phase in ("cos", "sin")
     ]
     return tuple(columns)
@@ -147,24 +141,11 @@ def axis_columns(
 
 @lru_cache(maxsize=64)
 def _places(modes: spring_modes.Modes) -> _Places:
-    index = {
-        (p, turns, sine): k
-        for k, ((p, turns), sine) in enumerate(
-            zip(modes.wavenumbers.tolist(), modes.is_sine.tolist(), strict=True)
-        )
-    }
-    flat = [k for (p, turns, _), k in sorted(index.items()) if turns == 0 and p > 0]
-    pairs = sorted(
-        (turns, p, k, index[p, turns, True])
-        for (p, turns, sine), k in index.items()
-        if turns > 0 and not sine and (p, turns, True) in index
-    )
-    return _Places(
-        np.array(flat, dtype=np.int64),
-        np.array([k for _, _, k, _ in pairs], dtype=np.int64),
-        np.array([k for _, _, _, k in pairs], dtype=np.int64),
-        sum(turns == 1 for turns, *_ in pairs),
-    )
+    cosines, sines = spring_modes.wave_pairs(modes)
+    p, turns = modes.wavenumbers[cosines].T
+    order = np.lexsort((p, turns))
+    flat, paired = order[(turns[order] == 0) & (p[order] > 0)], order[sines[order] >= 0]
+    return _Places(cosines[flat], cosines[paired], sines[paired], int((turns[paired] == 1).sum()))
 
 
 class Waves(NamedTuple):
@@ -254,29 +235,23 @@ def wave_columns(waves: Waves, n_terms: int, n_directions: int) -> tuple[Column,
     """Columns of the values of `wave_features`: sizes, what moves together, what moves first."""
     every = tuple(k for group in waves.modes for k in group)
     paired = [len(group) > 1 for group in waves.modes]
+    pairs = list(zip(waves.i.tolist(), waves.j.tolist(), strict=True))
+    both = [(i, j) for i, j in pairs if paired[i] and paired[j]]
 
-    def of_pairs(what: str, needs_sine: bool) -> list[Column]:
+    def of_pairs(what: str, some: list[tuple[int, int]]) -> list[Column]:
         return [
             Column(f"{what} {waves.names[i]} {waves.names[j]}", waves.modes[i] + waves.modes[j])
-            for i, j in zip(waves.i.tolist(), waves.j.tolist(), strict=True)
-            if not needs_sine or (paired[i] and paired[j])
+            for i, j in some
         ]
 
+    named = list(zip(waves.names, waves.modes, strict=True))
     columns = [
-        Column(f"size {name} term {h}", group)
-        for name, group in zip(waves.names, waves.modes, strict=True)
-        for h in range(1, n_terms + 1)
+        Column(f"size {name} term {h + 1}", of) for name, of in named for h in range(n_terms)
     ]
     columns += [Column(f"spread {k}", every) for k in range(1, n_directions + 1)]
-    columns += of_pairs("together", False) + of_pairs("beside", True)
-    columns += of_pairs("ahead", False)
-    columns += [
-        Column(f"runs {name}", group)
-        for name, group, has in zip(waves.names, waves.modes, paired, strict=True)
-        if has
-    ]
-    columns += of_pairs("ahead beside", True)
-    return tuple(columns)
+    columns += of_pairs("together", pairs) + of_pairs("beside", both) + of_pairs("ahead", pairs)
+    columns += [Column(f"runs {name}", of) for name, of in named if len(of) > 1]
+    return (*columns, *of_pairs("ahead beside", both))
 
 
 def summary(terms: Array, waves: Waves) -> Floats:

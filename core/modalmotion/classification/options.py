@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any, Final
 
+from modalmotion.arguments.checking import one_of, whole
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.sequence import MEAN
 from modalmotion.modes.topologies import MESH, Topology
@@ -89,17 +90,13 @@ class TrainingOptions:
 
     def __post_init__(self) -> None:
         for name, kind in (("kind", SignatureKind), ("timing", Timing), ("on_error", OnError)):
-            value = getattr(self, name)
-            if value is None and name == "kind":
-                continue
-            try:
-                object.__setattr__(self, name, kind(str(value)))
-            except ValueError:
-                raise _wrong(name, value, f"one of: {', '.join(kind)}") from None
+            if name != "kind" or self.kind is not None:
+                object.__setattr__(self, name, one_of(name, getattr(self, name), kind))
         for name, (least, most) in _RANGES.items():
             value = getattr(self, name)
-            is_whole = isinstance(value, int) and not isinstance(value, bool)
-            if (value is not None or name != "modes") and not (is_whole and least <= value <= most):
+            if name == "modes" and value is None:
+                continue
+            if not least <= whole(name, value) <= most:
                 raise _wrong(name, value, f"a whole number from {least} to {most:,}")
         if self.groups is not None and not str(self.groups).strip():
             raise _wrong("groups", self.groups, "the name of a covariate, such as site")

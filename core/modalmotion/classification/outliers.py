@@ -13,14 +13,13 @@ from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import (
     AXIS,
     Extractor,
-    axis_columns,
     axis_parts,
     first,
-    wave_columns,
     wave_features,
     waves_of,
 )
-from modalmotion.representation import Bools, Floats, Ints, shown
+from modalmotion.mesh.spring_modes import Modes
+from modalmotion.representation import Array, Bools, Floats, Ints, shown
 
 CHECKS: Final = ("kind", "place", "mirrored", "reversed")
 """Scores of a recording: the distance of its kind of motion from every class; that of its amount of
@@ -108,41 +107,38 @@ def inputs_of(motions: Iterable[Motion], reader: Extractor) -> Inputs:
     for motion in motions:
         modes = first(motion.modes, reader.n_modes)
         amount = max(motion.amount, _NO_MOTION)
-        terms = reader.terms(motion) / (100.0 * amount)
-        if reader.what == AXIS:
-            kinds.append(axis_parts(np.asarray(terms, dtype=complex), modes, walls=reader.walls))
-        else:
-            kinds.append(wave_features(terms, waves_of(modes, walls=reader.walls)))
+        kinds.append(_kind(reader.terms(motion) / (100.0 * amount), modes, reader))
         places.append((math.log(amount), motion.log_size, motion.log_elongation))
     return Inputs(np.array(kinds), np.array(places))
+
+
+def _kind(terms: Array, modes: Modes, reader: Extractor) -> Floats:
+    if reader.what == AXIS:
+        return axis_parts(terms, modes, walls=reader.walls)
+    return wave_features(terms, waves_of(modes, walls=reader.walls))
 
 
 def symmetry_signs(motion: Motion, reader: Extractor) -> Floats:
     """Signs by which the kinds of a mirror image and of reversed time differ, (2, columns).
 
-    Each feature keeps its value or becomes its opposite. About an axis a mirror turns twist round
-    and what is across the zero of theta, and the opposite order of frames the sine of each part
-    with a sign. Of modes as they are what leads changes with the order, and with the mirror
-    what names a sense of theta.
+    Each feature keeps its value or becomes its opposite, as those of any terms do.
     """
-    modes = first(motion.modes, reader.n_modes)
-    n = motion.amplitudes.shape[2]
-    signs: list[tuple[float, float]] = []
-    if reader.what == AXIS:
-        for column in axis_columns(modes, 2, along_normal=n == 1, walls=reader.walls):
-            words = column.name.split()
-            is_signed = words[0] in ("radial", "turning", "axial") or words[-3] == "zero"
-            is_turned = words[0] == "turning" or " across zero" in column.name
-            signs.append((1.0 - 2.0 * is_turned, 1.0 - 2.0 * (is_signed and words[-2] == "sin")))
+    modes, terms = first(motion.modes, reader.n_modes), reader.terms(motion)
+    rng = np.random.default_rng(0)
+    some = rng.standard_normal(terms.shape)
+    if reader.is_cycle:
+        some = some + 1j * rng.standard_normal(terms.shape)
+        backwards = some.conj()
     else:
-        waves = waves_of(modes, walls=reader.walls)
-        n_terms = len(reader.terms(motion))
-        has_axis = motion.signature.landmarks is not None
-        for column in wave_columns(waves, n_terms, n):
-            leads = column.name.startswith(("ahead", "runs"))
-            turned = column.name.startswith("runs") or "beside" in column.name
-            signs.append((1.0 - 2.0 * (turned and has_axis), 1.0 - 2.0 * leads))
-    return np.array(signs).T
+        backwards = some * (-1.0) ** np.arange(1, len(some) + 1)[:, None, None]
+    mirrored = some
+    if motion.signature.landmarks is not None:
+        # Across the zero of theta, and theta, run the other way.
+        signs = np.where(modes.is_sine, -1.0, 1.0)[:, None]
+        mirrored = some * signs * np.array([1.0, -1.0, 1.0])[: some.shape[2]]
+    own = _kind(some, modes, reader)
+    images = (_kind(image, modes, reader) for image in (mirrored, backwards))
+    return np.stack([np.where(own * image < 0.0, -1.0, 1.0) for image in images])
 
 
 @shown("limits")

@@ -416,20 +416,13 @@ def auc(scores: Floats, is_class: Bools) -> Auc:
     areas under two or more correlated receiver operating characteristic curves, Biometrics, 1988.
     """
     m, n = int(is_class.sum()), int((~is_class).sum())
-    positive, negative = scores[is_class], scores[~is_class]
     # Share of the rest below each case of the class, and of the class above each of the rest.
-    shares = np.empty(len(scores))
-    shares[is_class] = _below(negative, positive)
-    shares[~is_class] = 1.0 - _below(positive, negative)
+    shares = scipy.stats.rankdata(scores)
+    for rows, n_others in ((is_class, n), (~is_class, m)):
+        shares[rows] = (shares[rows] - scipy.stats.rankdata(scores[rows])) / n_others
+    shares[~is_class] = 1.0 - shares[~is_class]
     value = float(shares[is_class].mean())
     return Auc(value, (shares - value) / np.where(is_class, m, n))
-
-
-def _below(others: Floats, scores: Floats) -> Floats:
-    """Share of the others below each score; equal ones count by half."""
-    ranked = np.sort(others)
-    twice = np.searchsorted(ranked, scores) + np.searchsorted(ranked, scores, "right")
-    return twice / (2.0 * len(others))
 
 
 def auc_interval(

@@ -175,10 +175,10 @@ def _read_header(section: bytes, limits: ReadLimits) -> Header:
 def _parse_header(section: bytes, limits: ReadLimits) -> Header:
     counts, position = read_varints(section, 0, 3)
     for name, count in zip(("frames", "vertices", "faces"), counts, strict=True):
-        limits.require(name, count)
+        limits.require(**{name: count})
     n_frames, n_vertices, n_faces = counts
     is_double, unit, n_axes = section[position], section[position + 1], section[position + 2]
-    limits.require("decompressed_bytes", n_frames * n_vertices * 3 * (8 if is_double else 4))
+    limits.require(decompressed_bytes=n_frames * n_vertices * 3 * (8 if is_double else 4))
     position += 3
     ends = tuple(ENDS[code] for code in section[position : position + n_axes])
     position += n_axes

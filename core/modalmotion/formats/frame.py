@@ -1,13 +1,15 @@
 """One frame of a sequence, its polygons as triangles, and vertices that triangles share."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from modalmotion.errors import ConnectivityError, ShapeError
+from modalmotion.errors import ConnectivityError, InputError, ShapeError
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.notes import Note
 from modalmotion.representation import FloatArray, Ints
@@ -78,6 +80,22 @@ def space_in(text: bytes) -> tuple[tuple[str, str], ...]:
     return () if match is None else (("coordinate_system", match[1].decode()),)
 
 
+@contextmanager
+def in_frame(frame: int | None, name: str = "") -> Iterator[None]:
+    """Name the frame, and the file if there is one, in what is wrong with it."""
+    try:
+        yield
+    except InputError as error:
+        file = repr(Path(name).name[-60:]) if name else ""
+        where = file if frame is None else f"Frame {frame}{f' ({file})' if file else ''}"
+        own = error.message.removeprefix(f"Frame {frame}: ").removeprefix(f"Frame {frame}, ")
+        error.message = f"{where}: {own}"
+        error.frame = frame if error.frame is None else error.frame
+        if name:
+            error.details["file"] = name[-200:]
+        raise
+
+
 Integers = Sequence[int] | Ints
 
 
@@ -126,7 +144,7 @@ def triangulate(sizes: Integers, corners: Integers, limits: ReadLimits = NO_LIMI
         return Triangles(corners.reshape(-1, 3), ())
     counts = np.maximum(sizes - 2, 0)
     # A byte of a file may be a corner, and a hundred bytes here.
-    limits.require("faces", int(counts.sum()))
+    limits.require(faces=int(counts.sum()))
     first = np.repeat(np.cumsum(sizes) - sizes, counts)
     # Place of each triangle within its fan: 0, 1, ... for each polygon.
     place = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -22,8 +22,8 @@ from typing import Final, NamedTuple
 
 from modalmotion.errors import InputError, LimitError, MalformedFileError
 from modalmotion.formats import detect, npz, ply, vtk_xml
-from modalmotion.formats.frame import TRACK
-from modalmotion.formats.frames import read_frames
+from modalmotion.formats.frame import TRACK, Frame
+from modalmotion.formats.frames import read_frames, read_mesh
 from modalmotion.formats.named_arrays import XDMF_SUFFIXES, read_xdmf
 from modalmotion.formats.result import Answer, Parser, Reading
 from modalmotion.limits import NO_LIMITS, TEXT_UNFOLDING, ReadLimits
@@ -131,7 +131,7 @@ def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Listing:
         if not isinstance(name, str) or not name or not math.isfinite(time):
             what = f"the time {time} and the file {str(name)[:40]!r}"
             raise _malformed(f"An entry of the series file has {what}.")
-    limits.require("frames", len(entries))
+    limits.require(frames=len(entries))
     ordered = sorted(entries, key=lambda entry: entry[0])
     notes = (Note.of("frames_sorted"),) if ordered != entries else ()
     times, names = zip(*ordered, strict=True)
@@ -263,8 +263,12 @@ def read_files(
     if sizes is not None:
         # A list may name one frame many times.
         total = sum(sizes[name] for name in listing.names)
-        parser.limits.require("decompressed_bytes", total)
-    found = read_frames(listing.names, read, parser, listing.times, progress)
+        parser.limits.require(decompressed_bytes=total)
+
+    def frame(name: str) -> tuple[Frame, detect.Format]:
+        return read_mesh(read(name), None, parser.limits)
+
+    found = read_frames(listing.names, frame, parser.limits, listing.times, progress)
     notes, ignored = (*found.notes, *listing.notes), (*found.ignored, *listing.others)
     return replace(found, notes=notes, ignored=ignored)
 
@@ -436,7 +440,7 @@ def _plain_members(archive: zipfile.ZipFile, limits: ReadLimits) -> dict[str, zi
                     remedy=_REMEDY,
                 )
         members[info.filename] = info
-    limits.require("decompressed_bytes", sum(info.file_size for info in members.values()))
+    limits.require(decompressed_bytes=sum(info.file_size for info in members.values()))
     return members
 
 

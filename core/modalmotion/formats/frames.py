@@ -1,17 +1,17 @@
 """Frames in files of one mesh each, read and joined to one sequence."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import Final
+from collections.abc import Callable, Sequence
+from typing import Final, TypeVar
 
 import numpy as np
 
 from modalmotion import errors, mesh
 from modalmotion.formats import ply, text_meshes, vtk_legacy, vtk_xml
 from modalmotion.formats.detect import MESH_FORMATS, Format, detect_format, unknown_format
-from modalmotion.formats.frame import ONE_MESH, Frame, MergeMap, merge_corners
-from modalmotion.formats.result import Parser, Reading, reading_of
+from modalmotion.formats.frame import ONE_MESH, Frame, MergeMap, in_frame, merge_corners
+from modalmotion.formats.result import Reading, reading_of
 from modalmotion.limits import ReadLimits
+from modalmotion.mesh import checks
 from modalmotion.notes import Note
 from modalmotion.progress import Reporter, reported
 from modalmotion.representation import FloatArray
@@ -33,15 +33,18 @@ class FrameStack:
     def __init__(self, frame: Frame, kind: Format, n_frames: int, limits: ReadLimits) -> None:
         self._first, self._format = frame, kind
         self._merge: MergeMap | None = None
-        positions = self._finite(frame, 0)
+        checks.require_finite(frame.positions, 0)
+        positions = frame.positions
         self._faces = frame.faces
         if frame.is_soup:
             self._merge = merge_corners(positions)
             self._faces = self._merge.faces
             positions = positions[self._merge.first]
-        limits.require("vertices", len(positions))
-        limits.require("faces", len(self._faces))
-        limits.require("decompressed_bytes", n_frames * positions.nbytes + self._faces.nbytes)
+        limits.require(
+            vertices=len(positions),
+            faces=len(self._faces),
+            decompressed_bytes=n_frames * positions.nbytes + self._faces.nbytes,
+        )
         self._vertices: FloatArray = np.empty((n_frames, *positions.shape), positions.dtype)
         self._vertices[0] = positions
         self._times = [frame.stated("time")]
@@ -66,7 +69,8 @@ class FrameStack:
                 f"Its coordinate system is {space}, that of frame 0 {expected}.",
                 remedy="Save all frames in one coordinate system.",
             )
-        positions = self._finite(frame, number)
+        checks.require_finite(frame.positions, number)
+        positions = frame.positions
         if self._merge is not None:
             positions = self._merge.apply(positions, number)
         elif len(positions) != self._vertices.shape[1]:
@@ -84,9 +88,17 @@ class FrameStack:
     def result(self, times: tuple[float, ...] | None) -> Reading:
         """Build the sequence, through the validator of all sequences."""
         first = self._first
+        grid = first.stated("grid")
         stated = [time for time in self._times if time is not None]
-        if times is None and len(stated) == len(self._times):
-            times = tuple(float(time) for time in stated)
+        try:
+            shape = None if grid is None else [int(n) for n in grid.split()]
+            if times is None and len(stated) == len(self._times):
+                times = tuple(float(time) for time in stated)
+        except ValueError as error:
+            raise errors.MalformedFileError(
+                f"The frames state their grid or times in words ({str(error)[:80]}).",
+                remedy="Remove the comment that states them, or write numbers.",
+            ) from None
         notes = list(first.notes)
         if self._merge is not None:
             notes.append(
@@ -100,7 +112,7 @@ class FrameStack:
             self._vertices,
             self._faces,
             format=self._format.value,
-            grid=_grid(first.stated("grid")),
+            grid=shape,
             topology=first.stated("topology"),
             times=None if times is None else list(times),
             unit=first.stated("unit"),
@@ -109,30 +121,6 @@ class FrameStack:
             ignored=first.ignored,
             coordinate_system=first.stated("coordinate_system"),
         )
-
-    @staticmethod
-    def _finite(frame: Frame, number: int) -> FloatArray:
-        bad = np.flatnonzero(~np.isfinite(frame.positions).all(axis=1))
-        if bad.size:
-            raise errors.NonFiniteError(
-                f"Vertex {bad[0]} is not finite ({bad.size} such vertices).",
-                remedy="Repair or leave out the frame; missing points are not guessed.",
-                frame=number,
-                vertex=int(bad[0]),
-            )
-        return frame.positions
-
-
-def _grid(stated: str | None) -> list[int] | None:
-    if stated is None:
-        return None
-    try:
-        return [int(n) for n in stated.split()]
-    except ValueError:
-        raise errors.MalformedFileError(
-            f"The frames state the grid as {stated[:40]!r}.",
-            remedy="Remove the comment that states it, or write whole numbers.",
-        ) from None
 
 
 def _other_faces(frame: Frame, first: Frame) -> errors.ConnectivityError:
@@ -155,7 +143,7 @@ _READERS: Final = {
 }
 
 
-def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame, Format]:
+def read_mesh(data: bytes, stated: Format | None, limits: ReadLimits) -> tuple[Frame, Format]:
     """Read a file that contains one mesh.
 
     Parameters
@@ -163,8 +151,7 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
     data : bytes
     stated : Format or None
         Recognised by content if None.
-    parser : Parser
-        For the formats that need one; its limits apply to all.
+    limits : ReadLimits
 
     Returns
     -------
@@ -184,13 +171,16 @@ def read_mesh(data: bytes, stated: Format | None, parser: Parser) -> tuple[Frame
             f"The file is {kind.upper()}, which contains a whole sequence or none.",
             remedy="Send such a file by itself, not as a frame.",
         )
-    return _READERS[kind](data, parser.limits), kind
+    return _READERS[kind](data, limits), kind
+
+
+T = TypeVar("T")
 
 
 def read_frames(
-    names: Sequence[str],
-    read: Callable[[str], bytes],
-    parser: Parser,
+    files: Sequence[T],
+    read: Callable[[T], tuple[Frame, Format]],
+    limits: ReadLimits,
     times: tuple[float, ...] | None = None,
     progress: Reporter | None = None,
 ) -> Reading:
@@ -198,13 +188,13 @@ def read_frames(
 
     Parameters
     ----------
-    names : sequence of str
-        Of the files, in the order of time.
+    files : sequence
+        In the order of time; their names where they are files.
     read : callable
-        Returns the bytes of one of them.
-    parser : Parser
-        Its limits apply.
+        Reads one of them.
+    limits : ReadLimits
     times : tuple of float, s, optional
+        By default those that all frames state.
     progress : callable, optional
 
     Raises
@@ -212,28 +202,15 @@ def read_frames(
     InputError
         It names the frame and its file.
     """
-    parser.limits.require("frames", len(names))
+    limits.require(frames=len(files))
     stack: FrameStack | None = None
-    for number, name in enumerate(reported(names, progress)):
-        with _named(number, name):
-            frame, kind = read_mesh(read(name), None, parser)
+    for number, file in enumerate(reported(files, progress)):
+        with in_frame(number, file if isinstance(file, str) else ""):
+            frame, kind = read(file)
             if stack is None:
-                stack = FrameStack(frame, kind, len(names), parser.limits)
+                stack = FrameStack(frame, kind, len(files), limits)
             else:
                 stack.add(number, frame, kind)
     if stack is None:
         raise errors.MalformedFileError("There are no frames.", remedy="Send one file or more.")
     return stack.result(times)
-
-
-@contextmanager
-def _named(number: int, name: str) -> Iterator[None]:
-    try:
-        yield
-    except errors.InputError as error:
-        error.message = (
-            f"Frame {number} ({name[-60:]!r}): {error.message.removeprefix(f'Frame {number}: ')}"
-        )
-        error.frame = number
-        error.details["file"] = name[-200:]
-        raise

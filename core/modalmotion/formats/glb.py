@@ -128,7 +128,7 @@ class File:
             If it is more than an animation of one surface needs.
         """
         self._n_bytes += n_bytes
-        self.limits.require("decompressed_bytes", self._n_bytes)
+        self.limits.require(decompressed_bytes=self._n_bytes)
 
     def item(self, kind: str, index: Any) -> dict[str, Any]:
         """Object of the document by its list and place in it.
@@ -177,8 +177,8 @@ class File:
         accessor = self.item("accessors", index)
         count = _count(accessor, "count")
         if limit is not None:
-            self.limits.require(limit, count // items_each)
-        self.limits.require("decompressed_bytes", count * n_components * 8)
+            self.limits.require(**{limit: count // items_each})
+        self.limits.require(decompressed_bytes=count * n_components * 8)
         code = _TYPES.get(accessor.get("componentType"))
         if code is None or _SIZES.get(accessor.get("type")) != n_components:
             raise _malformed(
@@ -311,11 +311,10 @@ def _read(file: File, animation: str | None) -> Reading:
     channels, others = _channels(file, animation, nodes)
     keys = [channel.times for channel in channels.values()]
     times = np.unique(np.concatenate(keys)) if keys else np.zeros(1)
-    file.limits.require("frames", len(times))
+    file.limits.require(frames=len(times))
     shown, ignored = file.item("nodes", nodes[-1]), dict[str, None]()
     mesh = _mesh(file, shown["mesh"], ignored)
-    file.limits.require("vertices", mesh.shapes.shape[1])
-    file.limits.require("faces", len(mesh.faces))
+    file.limits.require(vertices=mesh.shapes.shape[1], faces=len(mesh.faces))
     file.hold(len(times) * mesh.shapes[0].nbytes)
     weights = np.array(shown.get("weights", mesh.weights), dtype=np.float64)[None]
     if (channel := channels.get((nodes[-1], "weights"))) is not None:

@@ -72,7 +72,7 @@ def parse_matlab(data: bytes, limits: ReadLimits) -> Parsed:
         shapes = {name: shape for name, shape, _ in whosmat(io.BytesIO(data))}
         aliases = _required(shapes, "MATLAB file")
         wanted = [*aliases.values()]
-        limits.require("decompressed_bytes", sum(_BYTES * prod(shapes[name]) for name in wanted))
+        limits.require(decompressed_bytes=sum(_BYTES * prod(shapes[name]) for name in wanted))
         arrays = loadmat(io.BytesIO(data), variable_names=wanted)
     except (errors.MalformedFileError, MemoryError):
         raise
@@ -119,9 +119,7 @@ def _parsed(
             raise _malformed(f"The {name} are {array.dtype.str[:20]}, not real numbers.")
     vertices = positions_in(own["vertices"], is_matlab=is_matlab)
     faces, notes = faces_in(own["faces"], vertices.shape[1])
-    limits.require("frames", len(vertices))
-    limits.require("vertices", vertices.shape[1])
-    limits.require("faces", len(faces))
+    limits.require(frames=len(vertices), vertices=vertices.shape[1], faces=len(faces))
     arrays = {"vertices": vertices, "faces": faces}
     if "times" in own:
         arrays["times"] = np.ravel(own["times"]).astype(np.float64)
@@ -235,8 +233,7 @@ def read_raw(
             f"{dtype} ({frame_bytes} bytes each).",
             remedy="Check the number of vertices and the type; the file may be cut short.",
         )
-    limits.require("frames", n_frames)
-    limits.require("vertices", n_vertices)
+    limits.require(frames=n_frames, vertices=n_vertices)
     vertices = np.frombuffer(data, kind).reshape(n_frames, n_vertices, 3)
     try:
         sequence = mesh_sequence(vertices, grid=grid)
@@ -308,29 +305,18 @@ def read_xdmf(data: bytes, beside: Callable[[str], bytes], parser: Parser) -> Re
     if not grids:
         raise _bad_xdmf("The XDMF file contains no grid.")
     steps = [grid for grid in grids if grid.find("Time") is not None] or grids
-    parser.limits.require("frames", len(steps))
     numbers = _numbers_of(beside, parser)
-    stack: frames.FrameStack | None = None
-    times = []
-    for number, grid in enumerate(steps):
-        time = grid.find("Time")
+
+    def read(grid: Element) -> tuple[Frame, detect.Format]:
         try:
-            frame = _frame(grid, domain, numbers)
-            times += [] if time is None else [float(time.get("Value", "nan"))]
+            return _frame(grid, domain, numbers), detect.Format.XDMF
         except errors.InputError:
             raise
         except (TypeError, ValueError) as error:
-            raise _bad_xdmf(
-                f"Frame {number} of the XDMF file has numbers that cannot be read "
-                f"({str(error)[:60]}).",
-                frame=number,
-            ) from error
-        if stack is None:
-            stack = frames.FrameStack(frame, detect.Format.XDMF, len(steps), parser.limits)
-        else:
-            stack.add(number, frame, detect.Format.XDMF)
-    assert stack is not None  # noqa: S101 (there is a grid)
-    return stack.result(tuple(times) if len(times) == len(steps) else None)
+            what = f"has numbers that cannot be read ({str(error)[:60]})"
+            raise _bad_xdmf(f"The XDMF file {what}.") from error
+
+    return frames.read_frames(steps, read, parser.limits)
 
 
 def _frame(grid: Element, domain: Element, numbers: Callable[[Element], Array]) -> Frame:
@@ -361,7 +347,9 @@ def _frame(grid: Element, domain: Element, numbers: Callable[[Element], Array]) 
     if positions.dtype != np.float32:
         positions = positions.astype(np.float64)
     ignored = tuple(one.get("Name", "")[:40] for one in others if one not in moved)
-    return Frame(positions, faces, notes=notes, ignored=ignored)
+    time = grid.find("Time")
+    stated = () if time is None else (("time", repr(float(time.get("Value", "nan")))),)
+    return Frame(positions, faces, notes=notes, ignored=ignored, statements=stated)
 
 
 def _numbers_of(beside: Callable[[str], bytes], parser: Parser) -> Callable[[Element], Array]:

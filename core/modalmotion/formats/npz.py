@@ -160,11 +160,11 @@ def read_arrays(
                     details={"arrays": [own[:40] for own in list(members)[:20]]},
                 )
         wanted = [members[name] for name in known if name in members]
-        limits.require("decompressed_bytes", sum(info.file_size for info in wanted))
+        limits.require(decompressed_bytes=sum(info.file_size for info in wanted))
         arrays = {info.filename.removesuffix(".npy"): _array(archive, info) for info in wanted}
     for name, axis, limit in _LIMITS:
         if name in arrays:
-            limits.require(limit, (*arrays[name].shape, 0, 0)[axis])
+            limits.require(**{limit: (*arrays[name].shape, 0, 0)[axis]})
     return arrays, tuple(members)
 
 

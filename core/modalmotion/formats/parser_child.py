@@ -146,24 +146,17 @@ def _readable() -> Iterator[Path]:
     # The package itself.
     yield Path(__file__).parents[1]
     for prefix in {sys.prefix, sys.base_prefix, sys.exec_prefix}:
-        for name in ("lib", "lib64", "bin"):
-            yield Path(prefix) / name
-    for library in ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib"):
-        yield Path(library)
-    # Its own size, which the limit on memory starts from.
-    yield Path("/proc/self")
-    yield from map(Path, ("/etc/ld.so.cache", "/dev/null", "/dev/urandom"))
+        yield from (Path(prefix) / name for name in ("lib", "lib64", "bin"))
+    # With its own size, which the limit on memory starts from.
+    files = ("/proc/self", "/etc/ld.so.cache", "/dev/null", "/dev/urandom")
+    yield from map(Path, ("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", *files))
 
 
 def _allow(libc: ctypes.CDLL, ruleset: int, path: Path) -> None:
-    try:
+    with contextlib.suppress(OSError):
         place = os.open(path, os.O_PATH | os.O_CLOEXEC)
-    except OSError:
-        return
-    try:
         rule = struct.pack("=Qi", _READ if path.is_dir() else _READ_FILE, place)
         libc.syscall(_ADD_RULE, ruleset, _PATH_BENEATH, rule, 0)
-    finally:
         os.close(place)
 
 
@@ -201,25 +194,21 @@ def answer_next(source: IO[bytes], sink: IO[bytes]) -> bool:
     request = json.loads(source.read(length))
     data = source.read(request["bytes"])
     limits = _limits_on(request["task"], len(data), ReadLimits(**request["limits"]))
+    error, info, arrays = None, dict[str, Any](), dict[str, Array]()
     try:
         parse = parser_of(request["task"])
         _limit_this_process(limits, len(data), request["seconds"])
         info, arrays = parse(data, limits)
-    except InputError as error:
-        _answer(sink, _state(error), {}, {})
+    except InputError as raised:
+        error = _state(raised)
     except MemoryError:
-        _answer(sink, _state(_too_large(limits)), {}, {})
-    else:
-        _answer(sink, None, info, arrays)
-    return True
-
-
-def _answer(
-    sink: IO[bytes],
-    error: dict[str, Any] | None,
-    info: dict[str, Any],
-    arrays: dict[str, Array],
-) -> None:
+        too_large = LimitError(
+            "Reading the file takes more memory than is allowed.",
+            remedy="Send fewer frames or a coarser mesh, or have the limit raised.",
+            limit="decompressed_bytes",
+            details={"most": limits.decompressed_bytes},
+        )
+        error = _state(too_large)
     # Axes in the order in which they are in memory: a copy of the samples would double it.
     axes = {name: np.argsort(array.strides)[::-1].tolist() for name, array in arrays.items()}
     plain = {
@@ -232,20 +221,12 @@ def _answer(
     for array in plain.values():
         sink.write(array.data)
     sink.flush()
+    return True
 
 
 def _state(error: InputError) -> dict[str, Any]:
     names = ("message", "remedy", "frame", "vertex", "limit", "details")
     return {"kind": type(error).__name__, **{name: getattr(error, name) for name in names}}
-
-
-def _too_large(limits: ReadLimits) -> LimitError:
-    return LimitError(
-        "Reading the file takes more memory than is allowed.",
-        remedy="Send fewer frames or a coarser mesh, or have the limit raised.",
-        limit="decompressed_bytes",
-        details={"most": limits.decompressed_bytes},
-    )
 
 
 def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float) -> None:
@@ -254,31 +235,21 @@ def _limit_this_process(limits: ReadLimits, n_bytes: int, seconds: float) -> Non
     except ImportError:
         # Not on every system; the caller's clock still ends this process.
         return
-    # No core dump: it would contain the content of the file.
-    _lower(resource.RLIMIT_CORE, 0)
     used = resource.getrusage(resource.RUSAGE_SELF)
-    _lower(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime + 2 * seconds) + 1)
-    declared = min(limits.decompressed_bytes, limits.unfolded_bytes)
-    most = 3 * declared + 4 * n_bytes + _SPARE_BYTES
-    if (now := _address_space()) is not None:
-        _lower(resource.RLIMIT_AS, now + most)
-
-
-def _lower(which: int, value: int) -> None:
-    import resource
-
-    _, hard = resource.getrlimit(which)
-    # Refused where an outer limit is lower, or where the system knows no such number.
-    with contextlib.suppress(ValueError, OSError, OverflowError):
-        resource.setrlimit(which, (value, hard))
-
-
-def _address_space() -> int | None:
-    try:
-        with open("/proc/self/statm", "rb") as statm:  # noqa: PTH123 - no file on a disk
-            return int(statm.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError):
-        return None
+    most = {
+        # No core dump: it would contain the content of the file.
+        resource.RLIMIT_CORE: 0,
+        resource.RLIMIT_CPU: int(used.ru_utime + used.ru_stime + 2 * seconds) + 1,
+    }
+    # Where the system states this process's size.
+    with contextlib.suppress(OSError, ValueError):
+        now = int(Path("/proc/self/statm").read_bytes().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        declared = min(limits.decompressed_bytes, limits.unfolded_bytes)
+        most[resource.RLIMIT_AS] = now + 3 * declared + 4 * n_bytes + _SPARE_BYTES
+    for which, value in most.items():
+        # Refused where an outer limit is lower, or where the system knows no such number.
+        with contextlib.suppress(ValueError, OSError, OverflowError):
+            resource.setrlimit(which, (value, resource.getrlimit(which)[1]))
 
 
 if __name__ == "__main__":

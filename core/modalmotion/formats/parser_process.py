@@ -15,10 +15,9 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
-from typing import IO, Any, Final, Self
+from functools import cache
+from typing import Any, Final, Self
 
 import numpy as np
 
@@ -87,19 +86,32 @@ class ParserProcess:
             If it was ended from outside.
         LimitError
             If it took longer than `seconds`, or more memory than the limits allow for.
+        StoreError
+            If the system has no process left for the child.
         """
         if self._child is not None and self._child.poll() is not None:
             # Ended from outside since the last file, which this one is not to blame for.
             self.close()
-        if self._child is None:
-            self._child = _start()
-        child = self._child
-        if child.stdin is None or child.stdout is None:
-            raise StoreError("The parser's process has no pipes.", remedy="Start it again.")
+        is_late = threading.Event()
+
+        def end() -> None:
+            is_late.set()
+            child.kill()
+
         try:
-            with _killed_after(self._seconds, child) as is_late:
-                _send(child.stdin, task, data, self.limits, self._seconds)
-                answer = _receive(child.stdout, self.limits)
+            child = self._child = self._child or _start()
+            clock = threading.Timer(self._seconds, end)
+            clock.start()
+        except (OSError, RuntimeError) as error:
+            # RuntimeError of a thread.
+            raise StoreError(
+                f"The reader of this format could not be started ({error}).",
+                remedy="The system has no process or memory left for it: try again when fewer "
+                "run, or raise their number (ulimit -u, or pids_limit of a container).",
+            ) from error
+        try:
+            _send(child.stdin, task, data, self.limits, self._seconds)
+            answer = _receive(child.stdout, self.limits)
         except Exception as error:
             # Whatever an answer raises that is not one, or none.
             if isinstance(error, EOFError | OSError):
@@ -126,19 +138,18 @@ class ParserProcess:
                 "more than it contains.",
                 remedy="Write the file anew, or send another format.",
             ) from None
+        finally:
+            clock.cancel()
         if isinstance(answer, InputError):
             raise answer
         return answer
 
 
-class _OfThread(threading.local):
-    """What each thread has for itself."""
-
-    def __init__(self) -> None:
-        self.parsers: dict[tuple[int, ReadLimits], ParserProcess] = {}
-
-
-_of_thread: Final = _OfThread()
+@cache
+def _kept_parser(_process: int, _thread: int, limits: ReadLimits) -> ParserProcess:
+    parser = ParserProcess(limits)
+    atexit.register(parser.close)
+    return parser
 
 
 def parser_of_thread(limits: ReadLimits) -> ParserProcess:
@@ -148,14 +159,10 @@ def parser_of_thread(limits: ReadLimits) -> ParserProcess:
     of one sender: one that takes over its parser reaches those after it.
     """
     # A fork of this process has its own: of one parser both would read the other's answers.
-    own = os.getpid(), limits
-    if own not in _of_thread.parsers:
-        _of_thread.parsers[own] = ParserProcess(limits)
-        atexit.register(_of_thread.parsers[own].close)
-    return _of_thread.parsers[own]
+    return _kept_parser(os.getpid(), threading.get_ident(), limits)
 
 
-def _send(stream: IO[bytes], task: str, data: bytes, limits: ReadLimits, seconds: float) -> None:
+def _send(stream: Any, task: str, data: bytes, limits: ReadLimits, seconds: float) -> None:
     """Send a file to a parser, which ends after about so much processor time."""
     most = {name: int(value) for name, value in asdict(limits).items()}
     request = {"task": task, "bytes": len(data), "limits": most, "seconds": seconds}
@@ -186,7 +193,7 @@ def _receive(stream: Any, limits: ReadLimits) -> result.Answer | InputError:
         if kind.kind not in "fiu":
             raise ValueError(dtype)
         n_bytes += math.prod(shape) * kind.itemsize
-        limits.require("decompressed_bytes", n_bytes)
+        limits.require(decompressed_bytes=n_bytes)
         array = np.empty(shape, kind)
         if array.size and stream.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
             raise EOFError(name)
@@ -206,24 +213,8 @@ def _start() -> subprocess.Popen[bytes]:
     )
 
 
-@contextmanager
-def _killed_after(seconds: float, child: subprocess.Popen[bytes]) -> Iterator[threading.Event]:
-    is_late = threading.Event()
-
-    def kill() -> None:
-        is_late.set()
-        child.kill()
-
-    timer = threading.Timer(seconds, kill)
-    timer.start()
-    try:
-        yield is_late
-    finally:
-        timer.cancel()
-
-
-def _exactly(stream: IO[bytes], n_bytes: int) -> bytes:
-    data = stream.read(n_bytes)
+def _exactly(stream: Any, n_bytes: int) -> bytes:
+    data: bytes = stream.read(n_bytes)
     if len(data) != n_bytes:
         raise EOFError
     return data

@@ -98,8 +98,8 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     by_name = {element.name: element for element in header.elements}
     if len(by_name) != len(header.elements) or "vertex" not in by_name:
         raise _malformed(f"The PLY file has the elements {list(by_name)[:8]}.")
-    for name, limit in (("vertex", "vertices"), ("face", "faces")):
-        limits.require(limit, by_name[name].n_rows if name in by_name else 0)
+    n_faces = by_name["face"].n_rows if "face" in by_name else 0
+    limits.require(vertices=by_name["vertex"].n_rows, faces=n_faces)
     declared = [(element.name, element.n_rows) for element in header.elements][:8]
     if sum(element.n_rows for element in header.elements) > 2 * len(data):
         raise _malformed(
@@ -132,7 +132,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     with np.errstate(over="ignore"):
         xyz = [columns[axis].astype("f4" if kinds[axis] == "f4" else "f8") for axis in "xyz"]
     listed = next((name for name in _LISTS if name in faces), None)
-    if listed is None and "face" in by_name and by_name["face"].n_rows:
+    if listed is None and n_faces:
         raise _malformed("The PLY file's faces have no vertex_indices.")
     none = np.zeros(0, dtype=np.int64)
     sizes, corners = (none, none) if listed is None else _whole(faces[listed])

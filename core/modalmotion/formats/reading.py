@@ -112,7 +112,7 @@ def _read_bytes(
             return named_arrays.read_xdmf(data, _nothing_beside, parser)
         if kind is detect.Format.GLB:
             return glb.read_glb(data, limits, animation=options.animation)
-        return frames.FrameStack(*frames.read_mesh(data, kind, parser), 1, limits).result(None)
+        return frames.FrameStack(*frames.read_mesh(data, kind, limits), 1, limits).result(None)
     except errors.InputError as error:
         error.details.setdefault("format", kind.value)
         raise

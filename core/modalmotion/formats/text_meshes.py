@@ -122,7 +122,7 @@ def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     corners: FloatArray
     if is_binary_stl(data):
         triangles = np.frombuffer(data, _TRIANGLE, offset=_HEADER_BYTES)
-        limits.require("faces", len(triangles))
+        limits.require(faces=len(triangles))
         corners, header = triangles["corners"].reshape(-1, 3).astype(np.float32), data[:80]
     elif data[:1024].lstrip()[:5].lower() == b"solid":
         corners, header = _text_stl(data, limits), data[:1024].lstrip().partition(b"\n")[0]
@@ -155,7 +155,7 @@ def _text_stl(data: bytes, limits: ReadLimits) -> Floats:
                 is_wrong = (at and not is_open) or len(rest) > _LONGEST_FACET
             if is_wrong:
                 raise _damaged(len(numbers) // 9, rest or piece)
-        limits.require("faces", len(numbers) // 9)
+        limits.require(faces=len(numbers) // 9)
     if rest or is_open:
         raise _malformed_stl(f"The STL file ends within facet {len(numbers) // 9}: {rest[:60]!r}.")
     return np.array(numbers).reshape(-1, 3)
@@ -248,8 +248,7 @@ def read_obj(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
                 others[words[0].decode()] = None
             else:
                 raise _malformed_obj(f"The OBJ file has a line {line[:40]!r}.")
-        limits.require("vertices", len(positions) // 3)
-        limits.require("faces", len(sizes))
+        limits.require(vertices=len(positions) // 3, faces=len(sizes))
     if not positions:
         raise _malformed_obj("The OBJ file contains no vertex.")
     polygons = triangulate(sizes, corners, limits)
@@ -316,8 +315,7 @@ def read_off(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     if len(counts) < 2 or not all(word.isdigit() and len(word) <= 18 for word in counts[:2]):
         raise _malformed_off(f"The OFF file has the counts {b' '.join(counts)[:40]!r}.")
     n_vertices, n_faces = map(int, counts[:2])
-    limits.require("vertices", n_vertices)
-    limits.require("faces", n_faces)
+    limits.require(vertices=n_vertices, faces=n_faces)
     positions, sizes, corners = array("d"), array("q"), array("q")
     for line in islice(lines, n_vertices):
         positions.extend(_point(line.split()[:3], _malformed_off))

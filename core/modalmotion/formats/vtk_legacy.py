@@ -72,11 +72,11 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     while (word := file.word()) not in ("", "point_data", "cell_data"):
         if word == "points":
             n = file.count()
-            limits.require("vertices", n)
+            limits.require(vertices=n)
             points = file.numbers(3 * n, file.word()).reshape(n, 3)
         elif word in _SECTIONS:
             n, m = file.count(), file.count()
-            limits.require("faces", n)
+            limits.require(faces=n)
             cells[_SECTIONS[word]] = file.cells(n, m)
         elif word == "cell_types":
             types = file.numbers(file.count(), "int")

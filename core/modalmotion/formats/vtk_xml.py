@@ -93,9 +93,9 @@ class _File:
         is_grid = kind == "UnstructuredGrid"
         pieces = content.findall("Piece")
         sizes = [_count(piece, "NumberOfPoints") for piece in pieces]
-        self.limits.require("vertices", sum(sizes))
+        self.limits.require(vertices=sum(sizes))
         names = ("NumberOfCells",) if is_grid else ("NumberOfPolys",)
-        self.limits.require("faces", sum(_count(piece, name) for piece in pieces for name in names))
+        self.limits.require(faces=sum(_count(piece, name) for piece in pieces for name in names))
         points, cells, types, n_points = [], [], [], 0
         for piece, n in zip(pieces, sizes, strict=True):
             if n:
@@ -215,7 +215,7 @@ class _File:
 
     def _hold(self, n_bytes: int) -> None:
         self.n_bytes += n_bytes
-        self.of_file.require("decompressed_bytes", self.n_bytes)
+        self.of_file.require(decompressed_bytes=self.n_bytes)
 
 
 def _named(parent: Element | None, name: str) -> Element:

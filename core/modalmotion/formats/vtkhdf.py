@@ -128,7 +128,7 @@ def parse_vtkhdf_clouds(file: Any, limits: ReadLimits) -> Parsed:
     surface = _surface(file, limits)
     sizes = surface.sizes
     # Steps may all name the same points.
-    limits.require("decompressed_bytes", 24 * int(sizes.sum()))
+    limits.require(decompressed_bytes=24 * int(sizes.sum()))
     values = np.asarray(surface.root["Points"][()], dtype=np.float64)
     places = zip(surface.points.tolist(), sizes.tolist(), strict=True)
     points = np.concatenate([values[start : start + n] for start, n in places])
@@ -170,8 +170,7 @@ def _surface(file: Any, limits: ReadLimits) -> _Surface:
     if parts.min() < 0 or parts.max() >= len(n_points):
         raise _malformed("A step of the VTKHDF file names no part.")
     sizes = n_points[parts]
-    limits.require("frames", len(sizes))
-    limits.require("vertices", int(sizes.max()))
+    limits.require(frames=len(sizes), vertices=int(sizes.max()))
     found = root["Points"]
     if found.ndim != 2 or found.shape[1] != 3 or found.dtype.kind != "f":
         raise _malformed(f"The VTKHDF file's points have the shape {found.shape} of {found.dtype}.")
@@ -190,7 +189,7 @@ def _same_faces(surface: _Surface, limits: ReadLimits) -> Triangles:
     )
     if not len(_integers(surface.root, "NumberOfPoints")) == len(n_cells) == len(n_corners):
         raise _malformed("The VTKHDF file's lists of parts differ.")
-    limits.require("faces", int(n_cells[parts].max()))
+    limits.require(faces=int(n_cells[parts].max()))
     # Each part before has one offset more than polygons, unless steps share theirs.
     starts = (surface.cells + parts, surface.corners, n_cells[parts], n_corners[parts])
     places = np.stack(starts, axis=1)
@@ -222,7 +221,7 @@ def _positions(surface: _Surface, limits: ReadLimits) -> Array:
         )
     dtype = np.dtype(np.float32 if dataset.dtype.itemsize == 4 else np.float64)
     # Steps may all name the same points, so this can be far more than the file declares.
-    limits.require("decompressed_bytes", len(starts) * n * 3 * dtype.itemsize)
+    limits.require(decompressed_bytes=len(starts) * n * 3 * dtype.itemsize)
     # All at once: a chunk that contains many frames would be unpacked again for each of them.
     values = checks.given_up(np.asarray(dataset[()], dtype=dtype))
     if np.array_equal(starts, n * np.arange(len(starts))):
@@ -393,9 +392,9 @@ def _parse_ours(data: bytes, limits: ReadLimits, form: image.Form) -> Parsed:
         sequence = sequence_from_hdf5(data, form)
     except errors.StoreError as error:
         raise errors.MalformedFileError(error.message, remedy=error.remedy) from error
-    limits.require("frames", sequence.n_frames)
-    limits.require("vertices", sequence.n_vertices)
-    limits.require("faces", len(sequence.faces))
+    limits.require(
+        frames=sequence.n_frames, vertices=sequence.n_vertices, faces=len(sequence.faces)
+    )
     arrays: dict[str, Array] = {"vertices": sequence.vertices, "faces": sequence.faces}
     if sequence.times is not None:
         arrays["times"] = sequence.times

@@ -113,7 +113,7 @@ def _walk(h5py: Any, file: Any, limits: ReadLimits) -> None:
                 waiting.append((name, member))
             elif isinstance(member, h5py.h5d.DatasetID):
                 n_bytes += _declared_bytes(h5py, name, member, limits)
-                limits.require("decompressed_bytes", n_bytes)
+                limits.require(decompressed_bytes=n_bytes)
 
 
 def _declared_bytes(h5py: Any, name: str, dataset: Any, limits: ReadLimits) -> int:
@@ -126,7 +126,7 @@ def _declared_bytes(h5py: Any, name: str, dataset: Any, limits: ReadLimits) -> i
     if layout == h5py.h5d.CHUNKED:
         # Read at once, however small the dataset.
         chunk_bytes = math.prod(plan.get_chunk()) * int(dataset.dtype.itemsize)
-        limits.require("decompressed_bytes", chunk_bytes)
+        limits.require(decompressed_bytes=chunk_bytes)
         _require_chunks(h5py, name, dataset, chunk_bytes)
     elif layout not in (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT):
         raise _refused(name, "a virtual layout")

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference, lattice_faces
+from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.mesh.triangles import curve_weights, vertex_areas
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Bools, Floats, Ints, Singles, shown
@@ -300,12 +300,7 @@ class Displacements:
 def _centred(positions: Singles | Floats, shape: ReferenceShape) -> Floats:
     """Positions from the reference's centroid, (frames, 3, vertices), in units of the scale."""
     x = np.empty((len(positions), 3, positions.shape[1]))
-    centre = shape.centre[:, None]
-    if positions.dtype == np.float64:
-        np.subtract(positions.transpose(0, 2, 1), centre, out=x)
-    else:
-        np.copyto(x, positions.transpose(0, 2, 1))
-        x -= centre
+    np.subtract(positions.transpose(0, 2, 1), shape.centre[:, None], out=x)
     if shape.scale != 1.0:
         x /= shape.scale
     if len(shape.ignored):
@@ -385,8 +380,9 @@ def mean_onto(sequence: MeshSequence, reference: int) -> Floats:
 
 
 def _counted_once(sequence: MeshSequence) -> MeshSequence:
-    """Leave out a last frame that repeats the first."""
-    if not _ends_as_it_began(sequence):
+    """Leave out a last frame that repeats the first, and not because nothing moves then."""
+    x, same = sequence.vertices, np.array_equal
+    if len(x) <= 3 or not same(x[0], x[-1]) or same(x[0], x[1]) or same(x[-2], x[-1]):
         return sequence
     times = None if sequence.times is None else sequence.times[:-1]
     return replace(sequence, vertices=sequence.vertices[:-1], times=times)
@@ -407,31 +403,18 @@ def _turned_to_the_middle(sequence: MeshSequence, mean: Floats) -> Floats:
     return turned + shape.centre
 
 
-def _ends_as_it_began(sequence: MeshSequence) -> bool:
-    """Whether the last frame repeats the first, and not because nothing moves then."""
-    x = sequence.vertices
-    return (
-        sequence.n_frames > 3
-        and np.array_equal(x[0], x[-1])
-        and not np.array_equal(x[0], x[1])
-        and not np.array_equal(x[-2], x[-1])
-    )
-
-
 def _shares(sequence: MeshSequence, positions: Floats) -> Floats:
     """Share of each vertex in the surface, or in the curve; equal shares without either."""
-    topology, faces, grid = sequence.topology, sequence.faces, sequence.grid
+    topology, faces = sequence.topology, sequence.joined
     sizes = np.ones(len(positions))
     # Near size 1 no square is lost, in any unit.
-    used = np.full(len(positions), not len(faces))
-    used[faces.ravel()] = True
+    used = np.full(len(positions), not len(sequence.faces))
+    used[sequence.faces.ravel()] = True
     extent = float(np.ptp(positions[used], axis=0).max(initial=0.0))
     scaled = (positions - positions[np.argmax(used)]) / extent if extent > 0 else positions
     if topology is not None and topology.n_axes == 1:
         sizes = curve_weights(scaled, topology)
-    elif not len(faces) and grid is not None and topology is not None and topology.n_axes == 2:
-        faces = lattice_faces(topology, grid) if min(grid) > 1 else faces
-    if len(faces):
+    elif len(faces):
         sizes = vertex_areas(scaled, faces)
     total = float(sizes.sum())
     if not total > 0:

@@ -117,18 +117,29 @@ def require_vertices(vertices: Any) -> FloatArray:
         # Neither is finite where one number is not.
         low, high = float(array.min()), float(array.max())
     for frame, positions in enumerate(() if isfinite(low) and isfinite(high) else array):
-        if not np.isfinite(positions).all():
-            bad = np.argwhere(~np.isfinite(positions))
-            vertex, axis = (int(i) for i in bad[0])
-            raise NonFiniteError(
-                f"Frame {frame}, vertex {vertex}: {'xyz'[axis]} is "
-                f"{positions[vertex, axis]} ({len(bad)} such values in this frame).",
-                remedy="Repair or leave out the frame; missing points are not guessed.",
-                frame=frame,
-                vertex=vertex,
-            )
+        require_finite(positions, frame)
     _require_size(array, low, high)
     return kept(array, vertices)
+
+
+def require_finite(positions: FloatArray, frame: int) -> None:
+    """Refuse positions of a frame, (vertices, 3), that are not finite.
+
+    Raises
+    ------
+    NonFiniteError
+        Naming the first vertex that is not.
+    """
+    if not np.isfinite(positions).all():
+        bad = np.argwhere(~np.isfinite(positions))
+        vertex, axis = (int(i) for i in bad[0])
+        raise NonFiniteError(
+            f"Frame {frame}, vertex {vertex}: {'xyz'[axis]} is {positions[vertex, axis]} "
+            f"({len(bad)} such values in this frame).",
+            remedy="Repair or leave out the frame; missing points are not guessed.",
+            frame=frame,
+            vertex=vertex,
+        )
 
 
 def _require_size(array: FloatArray, low: float, high: float) -> None:

@@ -250,15 +250,7 @@ class Facts:
         """
         for name, value in self.landmarks.items():
             for vertex in value if name == CORNERS and isinstance(value, tuple) else (value,):
-                if isinstance(vertex, int) and vertex >= n_vertices:
-                    raise ParameterError(
-                        f"The landmark '{name}' is vertex {vertex}, but there are {n_vertices} "
-                        f"(0 to {n_vertices - 1}).",
-                        remedy="Name a vertex of the sequence, counted from 0, or give a point "
-                        "x, y, z.",
-                        vertex=vertex,
-                        details={"fact": "landmarks"},
-                    )
+                require_vertex(name, vertex, n_vertices)
         if self.period is not None and span is not None and self.period < span * (1 - _ROUNDED):
             raise ParameterError(
                 f"The period is {self.period:g} s, but the times span {span:g} s: it would end "
@@ -267,6 +259,23 @@ class Facts:
                 "which are in seconds.",
                 details={"fact": "period", "contradicts": "times"},
             )
+
+
+def require_vertex(name: str, place: object, n_vertices: int) -> None:
+    """Check that the vertex that a landmark names, if it names one, exists.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if isinstance(place, int) and place >= n_vertices:
+        raise ParameterError(
+            f"The landmark '{name}' is vertex {place}, but there are {n_vertices} "
+            f"(0 to {n_vertices - 1}).",
+            remedy="Name a vertex of the sequence, counted from 0, or give a point x, y, z.",
+            vertex=place,
+            details={"fact": "landmarks"},
+        )
 
 
 NAMES: Final = tuple(f.name for f in fields(Facts))

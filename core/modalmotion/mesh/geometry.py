@@ -302,16 +302,24 @@ class Cavity:
         if not len(self.faces):
             return np.zeros(vertices.shape[:-2])
         # About a point nearby, so that a distant origin costs no digits.
-        near = self.faces[0, :1]
-        vertices = vertices - vertices[..., near, :]
-        six_fold = _triple(*(vertices.take(self.faces[:, i], axis=-2) for i in range(3)))
-        for edges in self.openings:
-            start, end = vertices[..., edges[:, 0], :], vertices[..., edges[:, 1], :]
-            centre = start.mean(axis=-2, keepdims=True)
+        x, faces = self.closed(vertices - vertices[..., self.faces[0, :1], :])
+        a, b, c = (x.take(faces[:, i], axis=-2) for i in range(3))
+        # Sum of a . (b x c) / 6
+        six_fold: Floats = (
+            a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1])
+            + a[..., 1] * (b[..., 2] * c[..., 0] - b[..., 0] * c[..., 2])
+            + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0])
+        ).sum(axis=-1)
+        return six_fold / 6.0
+
+    def closed(self, x: Floats) -> tuple[Floats, Ints]:
+        """Positions, (..., n, 3), and behind them the middle of each opening; faces with lids."""
+        n, points, faces = x.shape[-2], [x], [self.faces]
+        for k, edges in enumerate(self.openings):
+            points.append(x[..., edges[:, 0], :].mean(axis=-2, keepdims=True))
             # An edge a -> b of a face is b -> a in the lid.
-            six_fold += _triple(centre, end, start)
-        volume: Floats = six_fold / 6.0
-        return volume
+            faces.append(np.column_stack([np.full(len(edges), n + k), edges[:, ::-1]]))
+        return np.concatenate(points, axis=-2), np.concatenate(faces)
 
     @cached_property
     def openings(self) -> tuple[Ints, ...]:
@@ -379,24 +387,17 @@ def cavity_of(faces: Ints, n_vertices: int) -> Cavity:
     return Cavity(wound)
 
 
-def _triple(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Sum of a . (b x c)."""
-    total: Floats = (
-        a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1])
-        + a[..., 1] * (b[..., 2] * c[..., 0] - b[..., 0] * c[..., 2])
-        + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0])
-    ).sum(axis=-1)
-    return total
-
-
 def volume_gradient(cavity: Cavity, x: Floats) -> Floats:
     """Differentiate the volume by each vertex, (vertices, 3) float64, length unit squared."""
-    x = x - x[cavity.faces[0, 0]]
+    n = len(x)
+    x, faces = cavity.closed(x - x[cavity.faces[0, 0]])
     total = np.zeros_like(x)
     for k in range(3):
-        b, c = (x[cavity.faces[:, (k + i) % 3]] for i in (1, 2))
-        np.add.at(total, cavity.faces[:, k], np.cross(b, c) / 6.0)
-    return total + _of_lids(cavity, x)
+        b, c = (x[faces[:, (k + i) % 3]] for i in (1, 2))
+        np.add.at(total, faces[:, k], np.cross(b, c) / 6.0)
+    for middle, edges in zip(total[n:], cavity.openings, strict=True):
+        np.add.at(total, edges[:, 0], middle / len(edges))
+    return total[:n]
 
 
 def lid_gradient(cavity: Cavity, x: Floats) -> Floats:
@@ -413,15 +414,4 @@ def lid_gradient(cavity: Cavity, x: Floats) -> Floats:
         np.add.at(total, edges[:, 0], areas)
         np.add.at(total, edges[:, 1], areas)
         total[edges[:, 0]] += areas.sum(axis=0) / len(edges)
-    return total
-
-
-def _of_lids(cavity: Cavity, x: Floats) -> Floats:
-    total = np.zeros_like(x)
-    for edges in cavity.openings:
-        start, end = x[edges[:, 0]], x[edges[:, 1]]
-        centre = start.mean(axis=0)
-        np.add.at(total, edges[:, 1], np.cross(start, centre) / 6.0)
-        np.add.at(total, edges[:, 0], np.cross(centre, end) / 6.0)
-        total[edges[:, 0]] += np.cross(end, start).sum(axis=0) / 6.0 / len(edges)
     return total

@@ -148,6 +148,14 @@ class MeshSequence(FrozenArrays, Recorded):
             return np.arange(self.n_vertices)
         return triangles.representatives_of(self.vertices, self.faces)
 
+    @property
+    def joined(self) -> Ints:
+        """Its triangles, or those between the nodes of a lattice that has none of its own."""
+        is_bare = self.grid is not None and not len(self.faces) and min(self.grid) > 1
+        if is_bare and self.grid and self.topology is not None and self.topology.n_axes == 2:
+            return lattice_faces(self.topology, self.grid)
+        return self.faces
+
     def require_reference(self, reference: Reference) -> None:
         """Check that a reference exists.
 

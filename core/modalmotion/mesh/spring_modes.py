@@ -10,7 +10,7 @@ the space alone. That also fixes the sign of every vector.
 
 import hashlib
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -18,7 +18,7 @@ import scipy
 
 from modalmotion.errors import LimitError, ModeCountError, ParameterError
 from modalmotion.mesh.laplacian import graph_laplacian
-from modalmotion.mesh.triangles import connectivity_of
+from modalmotion.mesh.triangles import connectivity_of, pieces_of
 from modalmotion.modes.mode_set import ModeSet, lowest_modes
 from modalmotion.modes.topologies import ModeLabel, Surface
 from modalmotion.representation import Array, Bools, Floats, FrozenArrays, Ints, shown
@@ -237,8 +237,7 @@ def spring_modes(faces: Ints, n_vertices: int, n_modes: int) -> SpringModes:
 
 def _indicators(edges: Ints, n: int) -> Floats:
     """One on everything, then one on each piece, the largest first."""
-    graph = scipy.sparse.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    labels = pieces_of(edges, n)
     _, first, size = np.unique(labels, return_index=True, return_counts=True)
     order = np.lexsort((first, -size))
     columns = [np.ones(n), *(labels == labels[i] for i in first[order])]
@@ -412,15 +411,7 @@ def _canonical(space: Floats, first_probes: Floats) -> Floats:
 
 def _irregular(n: int, index: int) -> Floats:
     """Return a fixed vector without pattern: fractional parts of multiples of a square root."""
-    step = np.sqrt(_prime(index + 1))
+    # k^2 + 1 is no square.
+    step = np.sqrt((index + 1) ** 2 + 1)
     vector: Floats = np.modf(np.arange(1, n + 1) ** 2 * (step % 1.0))[0] - 0.5
     return vector
-
-
-@lru_cache(maxsize=10_000)
-def _prime(index: int) -> int:
-    candidate, count = 1, 0
-    while count < index:
-        candidate += 1
-        count += all(candidate % d for d in range(2, int(candidate**0.5) + 1))
-    return candidate

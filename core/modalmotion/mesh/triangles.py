@@ -105,7 +105,7 @@ def connectivity_of(faces: Ints, n_vertices: int) -> Connectivity:
     edges = np.stack([keys // n_vertices, keys % n_vertices], axis=1)
     n_faces_at = np.bincount(proper.ravel(), minlength=n_vertices)
     n_edges_at = np.bincount(edges.ravel(), minlength=n_vertices)
-    labels = _labels(edges, n_vertices)
+    labels = pieces_of(edges, n_vertices)
     used = n_faces_at > 0
     n_pieces = len(np.unique(labels[used]))
     return Connectivity(
@@ -157,7 +157,7 @@ def grouped_edges(edges: Ints, n_vertices: int) -> list[Ints]:
     place[edges.ravel()] = 0
     nodes = np.flatnonzero(place == 0)
     place[nodes] = np.arange(len(nodes))
-    component = _labels(place[edges], len(nodes))[place[edges[:, 0]]]
+    component = pieces_of(place[edges], len(nodes))[place[edges[:, 0]]]
     groups = [edges[component == i] for i in np.unique(component)]
     return sorted(groups, key=lambda group: (-len(group), int(group.min())))
 
@@ -187,8 +187,7 @@ def oriented_faces(faces: Ints, n_vertices: int) -> Ints | None:
     agree = start[i] != start[j]
     rows = np.concatenate([one, one + m])
     columns = np.concatenate([np.where(agree, other, other + m), np.where(agree, other + m, other)])
-    graph = scipy.sparse.coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * m, 2 * m))
-    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    label = pieces_of(np.stack([rows, columns], axis=1), 2 * m)
     as_is, turned = label[:m], label[m:]
     if (as_is == turned).any():
         return None
@@ -200,7 +199,8 @@ def oriented_faces(faces: Ints, n_vertices: int) -> Ints | None:
     return np.where(turn[:, None], faces[:, ::-1], faces)
 
 
-def _labels(edges: Ints, n_vertices: int) -> Ints:
+def pieces_of(edges: Ints, n_vertices: int) -> Ints:
+    """Give each vertex the number of the piece that edges, (n, 2), join: (vertices,) int64."""
     graph = scipy.sparse.coo_array(
         (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])),
         shape=(n_vertices, n_vertices),
@@ -404,9 +404,7 @@ def representatives_of(vertices: FloatArray, faces: Ints) -> Ints:
         _without_length(first, faces),
         _unused(first, faces),
     ]
-    one, other = np.concatenate(pairs, axis=1)
-    graph = scipy.sparse.coo_array((np.ones(len(one), dtype=np.int8), (one, other)), shape=(n, n))
-    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    labels = pieces_of(np.concatenate(pairs, axis=1).T, n)
     _, smallest = np.unique(labels, return_index=True)
     merged: Ints = smallest[labels]
     return merged

@@ -118,10 +118,6 @@ class Lattice:
 
     def all_modes(self) -> ModeSet:
         """Every mode, in the fixed order."""
-        return self._all_modes
-
-    @cached_property
-    def _all_modes(self) -> ModeSet:
         return all_modes(self.topology, self.shape)
 
     def angular_frequencies(self, modes: ModeSet) -> Floats:
@@ -281,29 +277,22 @@ def require_within_zone(modes: ModeSet, shape: tuple[int, ...]) -> None:
         Naming the first label at fault and the largest wavenumber the axis resolves, or the
         sine of a wave vector that is its own opposite.
     """
-    has_zeros = False
     for axis, (ends, n) in enumerate(zip(modes.topology.ends, shape, strict=True)):
         least, most = (-((n - 1) // 2), n // 2) if ends == topologies.CLOSED else (0, n - 1)
-        lowest, highest = modes.extents[axis]
-        if lowest < least or highest > most:
-            p = modes.wavenumbers[:, axis]
-            beyond = np.flatnonzero((p < least) | (p > most))
+        p = modes.wavenumbers[:, axis]
+        beyond = np.flatnonzero((p < least) | (p > most))
+        if beyond.size:
             raise errors.ParameterError(
                 f"Mode {modes.labels[beyond[0]]} is beyond what {n} nodes along axis {axis} "
                 f"resolve ({least} to {most}) and would alias into a lower mode.",
                 remedy="Ask for lower wavenumbers, or use more nodes.",
                 details={"axis": axis, "least": least, "most": most},
             )
-        has_zeros |= ends == topologies.CLOSED and (2 * highest == n or lowest == 0)
-    if has_zeros:
-        _require_nonzero(modes, shape)
-
-
-def _require_nonzero(modes: ModeSet, shape: tuple[int, ...]) -> None:
-    """Refuse sines that are zero at every node."""
     closed = list(modes.topology.closed_axes)
-    n = np.array([shape[axis] for axis in closed], dtype=np.int64)
-    zero = np.flatnonzero(modes.is_sine & (2 * modes.wavenumbers[:, closed] % n == 0).all(axis=1))
+    nodes = np.array([shape[axis] for axis in closed], dtype=np.int64)
+    zero = np.flatnonzero(
+        modes.is_sine & (2 * modes.wavenumbers[:, closed] % nodes == 0).all(axis=1)
+    )
     if zero.size:
         raise errors.ParameterError(
             f"Mode {modes.labels[zero[0]]} is zero at every node of a lattice of {shape} nodes.",
@@ -518,7 +507,10 @@ def project_all(lattice: Lattice, displacements: Array) -> Floats:
     source = require_frames(displacements, "displacements", lattice.n_nodes, "nodes")
     amplitudes = np.empty(source.shape)
     modes = lattice.all_modes()
-    place, weights = _places(lattice, modes), lattice.scales(modes)[:, None] / lattice.n_nodes
+    n_along = lattice.topology.n_axes - len(lattice.topology.closed_axes)
+    # The transform along an axis with ends is twice the sum.
+    weights = lattice.scales(modes)[:, None] / (2**n_along * lattice.n_nodes)
+    place = _places(lattice, modes)
     is_sine = modes.is_sine[:, None]
     for frame, values in enumerate(source):
         with np.errstate(over="ignore", invalid="ignore"):
@@ -583,37 +575,29 @@ def _forward(lattice: Lattice, values: Array) -> Complexes:
     x: Array = values.astype(np.float64).reshape(*lattice.shape, -1)
     # Node n = N of a closed axis is at the transform's origin, angle 0.
     x = scipy.fft.fftn(np.roll(x, (1,) * len(closed), axis=closed), axes=closed)
-    for axis, ends in enumerate(lattice.topology.ends):
-        if ends == topologies.OPEN:
-            x = scipy.fft.dct(x, type=2, axis=axis) / 2
-        elif ends != topologies.CLOSED:
-            even, odd = _by_parity(x, axis + 1)
-            even[...] = scipy.fft.dct(even, type=2, axis=axis) / 2
-            odd[...] = (
-                scipy.fft.dst(odd, type=4 if ends == topologies.POLE_OPEN else 2, axis=axis) / 2
-            )
+    x = _along_ends(lattice.topology, x, 2)
     return x.reshape(values.shape).astype(np.complex128, copy=False)
 
 
 def _backward(lattice: Lattice, spectrum: Complexes) -> Floats:
     """Sum multiples of waves: (nodes, directions)."""
     closed = lattice.topology.closed_axes
-    x = spectrum.reshape(*lattice.shape, -1)
-    for axis, ends in enumerate(lattice.topology.ends):
-        if ends == topologies.OPEN:
-            x = scipy.fft.dct(x, type=3, axis=axis)
-        elif ends != topologies.CLOSED:
-            even, odd = _by_parity(x, axis + 1)
-            even[...] = scipy.fft.dct(even, type=3, axis=axis)
-            odd[...] = scipy.fft.dst(odd, type=4 if ends == topologies.POLE_OPEN else 3, axis=axis)
+    x = _along_ends(lattice.topology, spectrum.reshape(*lattice.shape, -1), 3)
     x = scipy.fft.ifftn(x, axes=closed, norm="forward", overwrite_x=True)
     return np.roll(x.real, (-1,) * len(closed), axis=closed).reshape(spectrum.shape)
 
 
-def _by_parity(x: Complexes, axis: int) -> tuple[Complexes, Complexes]:
-    """View the even and the odd wavenumbers along an axis."""
-    before = (slice(None),) * axis
-    return x[(*before, slice(0, None, 2))], x[(*before, slice(1, None, 2))]
+def _along_ends(topology: topologies.Topology, x: Array, kind: int) -> Array:
+    """Transform along the axes with ends, there (2) or back (3); at poles odd waves by sines."""
+    for axis, ends in enumerate(topology.ends):
+        if ends == topologies.OPEN:
+            x = scipy.fft.dct(x, type=kind, axis=axis)
+        elif ends != topologies.CLOSED:
+            even, odd = (x[(slice(None),) * (axis + 1) + (slice(k, None, 2),)] for k in (0, 1))
+            even[...] = scipy.fft.dct(even, type=kind, axis=axis)
+            of_odd = 4 if ends == topologies.POLE_OPEN else kind
+            odd[...] = scipy.fft.dst(odd, type=of_odd, axis=axis)
+    return x
 
 
 def cos_pi(numerator: Ints, denominator: int) -> Floats:
@@ -695,37 +679,14 @@ def cosines(factors: Ints, places: Ints, turn: int, is_sine: Bools) -> Floats:
     phase = exact_products(factors, places, turn) * (parts // turn)
     phase -= is_sine[:, None] * (parts // 4)
     if parts <= _LARGEST_CIRCLE:
-        return circle_cosines(parts).take(phase, mode="wrap")
+        return _circle(parts).take(phase, mode="wrap")
     return cos_pi(phase, parts // 2)
 
 
 @lru_cache(maxsize=16)
-def circle_cosines(turn: int) -> Floats:
-    """Cosines of every whole multiple of 1 / `turn` of a turn, with the bits of `cos_pi`.
-
-    Every factor of every mode of a lattice is one of these, so that whole axes cost an eighth
-    of a turn of evaluations and a look-up.
-
-    Parameters
-    ----------
-    turn : int
-        A multiple of 4.
-
-    Returns
-    -------
-    (turn,) float64
-        cos(2 pi k / turn). The sine is a quarter turn back.
-    """
-    quarter, eighth = turn // 4, turn // 8
-    angle = np.arange(eighth + 1.0)
-    angle /= turn // 2
-    angle *= np.pi
-    cosines = np.empty(turn)
-    np.cos(angle, out=cosines[: eighth + 1])
-    cosines[quarter:eighth:-1] = np.sin(angle[: quarter - eighth])
-    np.negative(cosines[quarter - 1 :: -1], out=cosines[quarter + 1 : 2 * quarter + 1])
-    cosines[2 * quarter + 1 :] = cosines[2 * quarter - 1 : 0 : -1]
-    return cosines
+def _circle(parts: int) -> Floats:
+    """Cosines of every whole multiple of so many parts of a turn: whole axes cost a look-up."""
+    return cos_pi(np.arange(parts), parts // 2)
 
 
 def exact_products(factors: Ints, others: Ints, modulus: int) -> Ints:

@@ -117,11 +117,6 @@ class ModeSet(FrozenArrays):
         n_others = np.count_nonzero(h[:, others], axis=1)
         return np.asarray(n_others + (h[:, closed] != 0).any(axis=1), dtype=np.int64)
 
-    @cached_property
-    def extents(self) -> tuple[tuple[int, int], ...]:
-        """Least and largest wavenumber along each axis; 0 and 0 without modes."""
-        return tuple((int(p.min(initial=0)), int(p.max(initial=0))) for p in self.wavenumbers.T)
-
     @property
     def connectivity_id(self) -> str:
         """Empty: these modes belong to every mesh of the topology."""
@@ -279,9 +274,8 @@ def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None
             remedy=f"Ask for 1 to {most} modes.",
             details={"modes": n_modes, "most": most},
         )
-    if n_modes <= _KEPT_COUNT:
-        return _lowest_kept(topology, n_modes, shape)
-    return _lowest(topology, n_modes, shape)
+    lowest = _lowest if n_modes <= _KEPT_COUNT else _lowest.__wrapped__
+    return lowest(topology, n_modes, shape)
 
 
 def whole_count(topology: Topology, n_modes: int, shape: tuple[int, ...] | None = None) -> int:
@@ -296,6 +290,7 @@ def whole_count(topology: Topology, n_modes: int, shape: tuple[int, ...] | None 
     return n_modes + int(more.is_sine[-1])
 
 
+@lru_cache(maxsize=4)
 def all_modes(topology: Topology, shape: tuple[int, ...]) -> ModeSet:
     """Every mode of a lattice, in the fixed order: as many as it has nodes."""
     return lowest_modes(topology, _n_modes_of(topology, shape), shape)
@@ -335,17 +330,10 @@ def _weights(topology: Topology) -> list[int]:
 
 def _n_modes_of(topology: Topology, shape: tuple[int, ...]) -> int:
     require_shape(topology, shape)
-    product = 1
-    for n in shape:
-        product *= int(n)
-    return product
+    return math.prod(map(int, shape))
 
 
 @lru_cache(maxsize=64)
-def _lowest_kept(topology: Topology, n_modes: int, shape: tuple[int, ...] | None) -> ModeSet:
-    return _lowest(topology, n_modes, shape)
-
-
 def _lowest(topology: Topology, n_modes: int, shape: tuple[int, ...] | None) -> ModeSet:
     bound = 4.0 * max(_INVERSE_SQUARED_LENGTHS)
     if shape is not None and n_modes == _n_modes_of(topology, shape):

@@ -30,6 +30,7 @@ from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats
 from modalmotion.signature.fit import Basis, Fit, Fitter, make_basis
 from modalmotion.signature.noise import Noise, estimated
+from modalmotion.signature.noise_bands import over_time
 from modalmotion.template import Template
 from modalmotion.template.axis import Placement
 
@@ -124,9 +125,8 @@ def turns_of_axes(placement: Placement, uncertainty: Uncertainty, rotations: Flo
         covariance. An angle that is not known has the standard deviation of all angles.
     """
     slopes, n_frames = placement.slopes(), len(rotations)
-    lags = np.abs(np.subtract.outer(np.arange(n_frames), np.arange(n_frames)))
     # Of the mean of all frames' errors.
-    share = float((np.float64(uncertainty.between_frames) ** lags).mean())
+    share = float(over_time(uncertainty.between_frames, n_frames).mean())
     apart = (slopes * uncertainty.alike[:, None]).reshape(3, -1) @ slopes.reshape(3, -1).T
     covariance = apart * float((uncertainty.rest**2).mean())
     if uncertainty.shapes.shape[1]:
@@ -243,9 +243,7 @@ def _from_reference(own: Floats, between_frames: float, reference: Reference) ->
 
     var(e - e') = s^2 - 2 c s s' + s'^2; of the mean shape with all frames' errors in it.
     """
-    frames = np.arange(len(own))
-    lags = np.abs(frames[:, None] - frames)
-    correlations = np.float64(between_frames) ** lags
+    correlations = over_time(between_frames, len(own))
     if reference == MEAN:
         mixed = own * np.tensordot(correlations, own, axes=1) / len(own)
         variances = own**2 - 2.0 * mixed + mixed.mean(axis=0)

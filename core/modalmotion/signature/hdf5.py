@@ -23,6 +23,7 @@ from modalmotion.notes import notes_from_json
 from modalmotion.representation import plain
 from modalmotion.signature import choice, making
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
+from modalmotion.signature.value import LENGTHS_OF_FRAMES
 from modalmotion.template.template import landmark_datasets, landmarks_from
 
 FORM: Final = Form("signature", 7)
@@ -34,12 +35,7 @@ _ARRAYS: Final = {
     "reference_amplitudes": ("{u}", "mode, direction"),
     "volumes": ("{u}^3", "frame"),
     "translations": ("{u}", "frame, direction"),
-    "rms_errors": ("{u}", "frame"),
-    "weighted_rms_errors": ("{u}", "frame"),
-    "p95_errors": ("{u}", "frame"),
-    "max_errors": ("{u}", "frame"),
-    "motion_rms": ("{u}", "frame"),
-    "weighted_motion_rms": ("{u}", "frame"),
+    **dict.fromkeys(LENGTHS_OF_FRAMES, ("{u}", "frame")),
     "lengths": ("{u}", "axis"),
     "condition": ("1", ""),
     "n_vertices": ("1", ""),

@@ -19,6 +19,7 @@ from modalmotion.signature.choice import choose_fit, notes_on_compactness
 from modalmotion.signature.deviations import deviations_of
 from modalmotion.signature.fit import Fit, Fitter, make_basis
 from modalmotion.signature.nested_modes import limited
+from modalmotion.signature.noise_bands import edges_of
 from modalmotion.signature.parameters import (
     MOST_MODES,
     USUAL_MODES,
@@ -327,9 +328,9 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
         suspects.append(farthest)
     if error > min(_P95S * float(fit.errors.p95[frame]), _SHARE * extent):
         suspects.append(frame)
-    sides = _sides(template) if suspects else np.zeros((0, 2), dtype=np.int64)
-    if not len(sides) or not extent > 0:
+    if not suspects or not extent > 0:
         return []
+    sides = edges_of(template)
     before = _lengths(start, sides, extent)
     usual = float(np.median(before))
     for suspect in suspects:
@@ -357,18 +358,6 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
         more=more,
     )
     return [text]
-
-
-def _sides(template: Template) -> Ints:
-    """Pairs of neighbours, those inside a surface twice."""
-    if len(template.faces):
-        sides: Ints = template.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-        proper: Ints = sides[sides[:, 0] != sides[:, 1]]
-        return proper
-    if template.surface is not None and template.surface.n_axes == 1:
-        along = np.arange(len(template.vertices))
-        return np.stack([along[:-1], along[1:]], axis=1)
-    return np.zeros((0, 2), dtype=np.int64)
 
 
 def _lengths(vertices: Floats, sides: Ints, extent: float) -> Floats:

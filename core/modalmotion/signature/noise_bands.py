@@ -48,7 +48,7 @@ class SmoothNoise:
     @staticmethod
     def on(template: Template) -> "SmoothNoise":
         """Draw fields on a template, the same each time."""
-        edges, n = _edges_of(template), template.n_vertices
+        edges, n = edges_of(template), template.n_vertices
         rows = np.concatenate([edges[:, 0], edges[:, 1], np.arange(n)])
         columns = np.concatenate([edges[:, 1], edges[:, 0], np.arange(n)])
         share = 1.0 / np.bincount(rows, minlength=n)
@@ -118,7 +118,8 @@ def shares_of(basis: Basis, noise: SmoothNoise, mixed: int) -> Floats:
     return np.asarray(white * smooth / own)
 
 
-def _edges_of(template: Template) -> Ints:
+def edges_of(template: Template) -> Ints:
+    """Pairs of neighbours on a template, (edges, 2) int64."""
     if len(template.faces):
         return connectivity_of(template.faces, template.n_vertices).edges
     i = np.arange(template.n_vertices)

@@ -12,6 +12,7 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature import making
 from modalmotion.signature.superposition import Superposition
+from modalmotion.signature.value import LENGTHS_OF_FRAMES
 from modalmotion.template import Template
 from modalmotion.template.template import shapes_of
 
@@ -287,31 +288,24 @@ def at_times(signature: making.ModalSignature, times: Floats) -> making.ModalSig
             details={"least": float(own[0]), "most": float(own[-1])},
         )
     nearest = np.abs(own[:, None] - instants).argmin(axis=0)
-    if len(own) == 1:
-        amplitudes, translations = signature.amplitudes[nearest], signature.translations[nearest]
-        matrices = signature.rotations.matrices[nearest]
-    else:
-        amplitudes = scipy.interpolate.CubicSpline(own, signature.amplitudes, axis=0)(instants)
-        translations = scipy.interpolate.CubicSpline(own, signature.translations, axis=0)(instants)
-        turns = scipy.spatial.transform.Rotation.from_matrix(signature.rotations.matrices)
-        matrices = scipy.spatial.transform.Slerp(own, turns)(instants).as_matrix()
+    rotations, exact = signature.rotations, own[nearest] == instants
+    paths = [signature.amplitudes, signature.translations, rotations.matrices]
+    found = [path[nearest] for path in paths]
     # At a frame the trajectory is the frame's own, to the last bit.
-    exact = own[nearest] == instants
-    amplitudes[exact] = signature.amplitudes[nearest[exact]]
-    translations[exact] = signature.translations[nearest[exact]]
-    matrices[exact] = signature.rotations.matrices[nearest[exact]]
+    if not exact.all():
+        spline = scipy.interpolate.CubicSpline
+        found[:2] = (spline(own, path, axis=0)(instants) for path in paths[:2])
+        turns = scipy.spatial.transform.Rotation.from_matrix(rotations.matrices)
+        found[2] = scipy.spatial.transform.Slerp(own, turns)(instants).as_matrix()
+        for values, path in zip(found, paths, strict=True):
+            values[exact] = path[nearest[exact]]
     deviations = signature.amplitude_deviations
     return replace(
         signature,
-        amplitudes=amplitudes,
-        translations=translations,
-        rotations=Rotations(matrices, signature.rotations.is_determined[nearest]),
-        rms_errors=signature.rms_errors[nearest],
-        weighted_rms_errors=signature.weighted_rms_errors[nearest],
-        p95_errors=signature.p95_errors[nearest],
-        max_errors=signature.max_errors[nearest],
-        motion_rms=signature.motion_rms[nearest],
-        weighted_motion_rms=signature.weighted_motion_rms[nearest],
+        amplitudes=found[0],
+        translations=found[1],
+        rotations=Rotations(found[2], rotations.is_determined[nearest]),
+        **{name: getattr(signature, name)[nearest] for name in LENGTHS_OF_FRAMES},
         times=instants,
         amplitude_deviations=None if deviations is None else deviations[nearest],
     )

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from importlib import import_module
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +16,12 @@ from modalmotion.representation import Floats, shown
 from modalmotion.signature.choice import ModelChoice
 from modalmotion.signature.parameters import SignatureKind, SignatureParameters
 from modalmotion.template.body_frame import Components, body_frame
+
+LENGTHS_OF_FRAMES: Final = (
+    *("rms_errors", "weighted_rms_errors", "p95_errors", "max_errors"),
+    *("motion_rms", "weighted_motion_rms"),
+)
+"""Attributes of a signature with one length for each frame."""
 
 
 @shown("surface", "n_frames", "modes", "rms_error:unit", "sequence_id")

@@ -67,18 +67,10 @@ def cup_coordinates(
     s = height_along(offsets, axes.axis) if u is None else (1 - np.clip(u, 0.0, 1.0)) ** _EXPONENT
     if len(surface.openings) > 2:
         notes.append(Note.of("several_openings", n_openings=len(surface.openings)))
-    landmarks = landmarks_at(
-        surface,
-        places,
-        axes,
-        origin,
-        apex,
-        surfaces.base_of(surface),
-        {
-            "apex": 1.0 if "apex" in places else roundness,
-            "base": 1.0 if "base" in places else _agreement(surface),
-        },
-    )
+    strengths = {"apex": roundness, "base": _agreement(surface)}
+    strengths |= {name: 1.0 for name in strengths if name in places}
+    base = surfaces.base_of(surface)
+    landmarks = landmarks_at(surface, places, axes, origin, apex, base, strengths)
     return Coordinates(CUP, np.stack([s, theta], axis=1), landmarks, tuple(notes))
 
 
@@ -149,10 +141,8 @@ def cup_axes(surface: surfaces.Surface, places: dict[str, Floats]) -> Axes:
         # The base is on neither side, but the normal still is an axis.
         axis, strength = principal_axes(surface)[1][2], 0.0
     else:
-        apex, base = (
-            places.get("apex", surface.centroid),
-            places.get("base", surfaces.base_of(surface)),
-        )
+        apex = places.get("apex", surface.centroid)
+        base = places.get("base", surfaces.base_of(surface))
         axis = direction_between(surface, apex, base)
     return axes_about(surface, places, axis, lean(surface, axis), {"axis": strength})
 
@@ -292,9 +282,8 @@ def sphere_coordinates(
     if u is None:
         notes.append(Note.of("coordinates_by_angle"))
         u = height
-    used = np.ones(len(u), dtype=np.bool_)
-    used[surface.connectivity.isolated] = False
-    low, high = u[used].min(), u[used].max()
+    used = np.delete(u, surface.isolated)
+    low, high = used.min(), used.max()
     # u is cos(pi s) turned over: its extremes are the poles.
     s = np.arccos(np.clip((high + low - 2 * u) / ((high - low) or 1.0), -1.0, 1.0)) / np.pi
     near, far = (

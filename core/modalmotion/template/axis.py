@@ -300,18 +300,19 @@ def potential(
     u = np.zeros(n)
     u[held] = values
     is_free = np.ones(n, dtype=np.bool_)
-    is_free[held] = False
-    is_free[surface.connectivity.isolated] = False
+    is_free[np.concatenate([held, surface.isolated])] = False
     free = np.flatnonzero(is_free)
     if not len(held):
         # Without held values u is known up to a constant: one vertex is held, the mean
         # taken off afterwards.
         free = free[1:]
     if len(free):
-        found = _solved(surface, sources, u, free, report)
-        if found is None:
+        stiffness = _stiffness(surface)
+        right = sources[free] - (stiffness @ u)[free]
+        try:
+            u[free] = mesh.solve_positive_definite(stiffness[free][:, free], right, report)
+        except RuntimeError:
             return None
-        u[free] = found
     if not np.isfinite(u).all():
         return None
     if not len(held):
@@ -319,26 +320,9 @@ def potential(
     return u
 
 
-def _solved(
-    surface: Surface, sources: Floats, u: Floats, free: Ints, report: Reporter
-) -> Floats | None:
-    stiffness = _stiffness(surface)
-    right = sources[free] - (stiffness @ u)[free]
-    try:
-        return mesh.solve_positive_definite(stiffness[free][:, free], right, report)
-    except RuntimeError:
-        return None
-
-
-def _has_area_everywhere(surface: Surface) -> bool:
-    used = np.ones(len(surface.vertices), dtype=np.bool_)
-    used[surface.connectivity.isolated] = False
-    return bool((surface.areas[used] > 0).all())
-
-
 def _stiffness(surface: Surface) -> "scipy.sparse.csc_array":
     stiffness = mesh.cotangent_laplacian(surface.vertices, surface.faces)
-    if _has_area_everywhere(surface):
+    if (np.delete(surface.areas, surface.isolated) > 0).all():
         return stiffness
     diagonal = stiffness.diagonal()
     springs = mesh.graph_laplacian(surface.connectivity.edges, len(surface.vertices))

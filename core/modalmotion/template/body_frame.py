@@ -19,7 +19,7 @@ from modalmotion.mesh.geometry import vertex_normals as normals_of
 from modalmotion.numeric.scales import gram, inverse_of_cholesky, lengths
 from modalmotion.representation import Floats
 from modalmotion.template.landmarks import Landmarks
-from modalmotion.template.template import Template, nearest_in_use
+from modalmotion.template.template import Template, carried_over
 
 
 class Components(StrEnum):
@@ -72,10 +72,7 @@ def local_frames(template: Template) -> Floats:
             "The surface has no axis, so there are no radial, tangential and axial components.",
             remedy="Ask for Cartesian components.",
         )
-    vertices = template.vertices
-    if len(template.isolated):
-        vertices = vertices.copy()
-        vertices[template.isolated] = vertices[nearest_in_use(vertices, template.isolated)]
+    vertices = carried_over(template.vertices, template.vertices, template.isolated)
     offsets = vertices - landmarks.origin
     axis = landmarks.axis
     across = offsets - (offsets @ axis)[:, None] * axis
@@ -281,6 +278,4 @@ def affine_shapes(shapes: Floats, template: Template) -> Floats:
         return shapes
     inverse = ((V / squares) @ V.T) @ held.T
     whole = shapes + ((q - (shapes @ held)) @ inverse)
-    if len(template.isolated):
-        whole[template.isolated] = whole[nearest_in_use(template.vertices, template.isolated)]
-    return np.asarray(whole)
+    return carried_over(whole, template.vertices, template.isolated)

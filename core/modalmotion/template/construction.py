@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalmotion import errors, mesh
+from modalmotion import errors
 from modalmotion.mesh import alignment, triangles
 from modalmotion.mesh.sequence import MEAN, MeshSequence, Reference
 from modalmotion.modes.topologies import CYLINDER, SPHERE, Topology, lattice_coordinates
@@ -43,18 +43,13 @@ def shares_of(
     first : (vertices,) int64
         The vertex that stands for each.
     """
-    n = sequence.n_vertices
-    is_curve = topology is not None and topology.n_axes == 1
-    areas = surface.areas
-    if is_curve and topology is not None:
-        areas = triangles.curve_weights(surface.vertices, topology)
-    elif not len(surface.faces):
-        notes.append(Note.of("areas_unknown"))
-        return np.full(n, 1.0 / n)
+    areas, unknown = surface.areas, "area_zero" if len(surface.faces) else "areas_unknown"
+    if topology is not None and topology.n_axes == 1:
+        areas, unknown = triangles.curve_weights(surface.vertices, topology), "area_zero"
     total = float(areas.sum())
     if not total > 0:
-        notes.append(Note.of("area_zero"))
-        return np.full(n, 1.0 / n)
+        notes.append(Note.of(unknown))
+        return np.full(sequence.n_vertices, 1.0 / sequence.n_vertices)
     # What stands for others has their weight too.
     weightless = int((areas[first] == 0).sum())
     if weightless:
@@ -118,7 +113,7 @@ def make_template(
     own_landmarks = template.landmarks_read(sequence, landmarks, closed_form=closed_form)
     start = alignment.reference_positions(sequence, reference)
     middle = alignment.middle_positions(sequence, reference)
-    faces = _faces_of(sequence)
+    faces = sequence.joined
     first = sequence.representatives
     notes = _notes_on_merging(first)
     if notes:
@@ -129,11 +124,8 @@ def make_template(
     report(Progress(_MEASURED))
     mean = _mean_surface(surface, (middle[first] - corner) / scale)
     places, mean_places = (
-        {
-            name: (place - corner) / scale
-            for name, place in resolve_places(own_landmarks, positions).items()
-        }
-        for positions in (steady, mean.vertices * scale + corner)
+        {name: (at - corner) / scale for name, at in resolve_places(own_landmarks, x).items()}
+        for x in (steady, mean.vertices * scale + corner)
     )
     at_vertices = {
         name: int(first[place])
@@ -142,9 +134,7 @@ def make_template(
     }
     isolated = np.zeros(0, dtype=np.int64)
     if len(faces):
-        is_isolated = np.zeros(len(start), dtype=np.bool_)
-        is_isolated[surface.isolated] = True
-        isolated = np.flatnonzero(is_isolated[first])
+        isolated = np.flatnonzero(np.isin(first, surface.isolated))
     if len(sequence.faces):
         notes += _notes_on_mesh(surface, isolated)
     topology, reason = _decide(sequence, surface, closed_form, notes)
@@ -165,22 +155,16 @@ def make_template(
             )
             coordinates = make(surface, places, placement.axes, solving)
     report(Progress(_SOLVED))
-    if (
-        coordinates is not None
-        and topology is not None
-        and topology in _MAKERS
-        and not sequence.grid
-    ):
-        cover = axis.degree(surface, coordinates.values, topology)
+    if coordinates is not None and topology in _MAKERS and not sequence.grid:
+        cover = axis.degree(surface, coordinates.values, coordinates.topology)
         is_choice = topology == SPHERE and sequence.topology is None
         if is_choice and abs(cover - _FOLDED) < _BORDER:
-            notes.append(_note_on_border(cover, _FOLDED))
+            notes.append(Note.of("kind_near_border", cover=cover, border=_FOLDED))
         if cover < _FOLDED and is_choice:
             coordinates = None
         elif cover < _FOLDED:
-            notes.append(
-                Note.of("coordinates_fold", cover=cover, landmarks=_places_wanted(topology))
-            )
+            wanted = _places_wanted(coordinates.topology)
+            notes.append(Note.of("coordinates_fold", cover=cover, landmarks=wanted))
     if topology is not None and coordinates is None:
         topology, reason = None, f"The surface is a {topology}, but around no straight axis."
     require_used(own_landmarks, topology, is_lattice=sequence.grid is not None)
@@ -198,12 +182,12 @@ def make_template(
     lengths: tuple[float, ...] = ()
     placed: Landmarks | None = None
     if coordinates is not None:
-        values = _carried_over(coordinates.values[first], start, isolated)
+        values = template.carried_over(coordinates.values[first], start, isolated)
         lengths = surfaces.axis_lengths(surface, coordinates.topology, sequence.grid, values)
         notes += coordinates.notes
         if coordinates.landmarks is not None:
             placed = coordinates.landmarks.placed(corner, scale)
-            notes += _notes_on_landmarks(coordinates)
+            notes += _notes_on_landmarks(coordinates.landmarks, coordinates.topology)
     return template.Template(
         id=id_,
         surface=topology,
@@ -256,18 +240,15 @@ def _decide(
                 remedy="Send triangles, or a lattice of two axes.",
             )
         return None, "Spring modes were requested."
-    if sequence.grid is not None:
-        if stated is None:
-            raise errors.TopologyError(
-                f"The lattice of {sequence.grid} nodes comes without a topology.",
-                remedy="Say which ends are joined: topology = cup, cylinder, plane, torus, "
-                "sphere, open curve or closed curve.",
-            )
-        return stated, ""
+    if sequence.grid is not None and stated is None:
+        raise errors.TopologyError(
+            f"The lattice of {sequence.grid} nodes comes without a topology.",
+            remedy="Say which ends are joined: topology = cup, cylinder, plane, torus, "
+            "sphere, open curve or closed curve.",
+        )
     if stated is not None:
-        if stated.n_axes == 1:
-            return stated, ""
-        surfaces.require_fit(surface, stated)
+        if sequence.grid is None and stated.n_axes != 1:
+            surfaces.require_fit(surface, stated)
         return stated, ""
     if not len(surface.faces):
         raise errors.TopologyError(
@@ -296,14 +277,6 @@ def _of_lattice(
     return None, places
 
 
-def _faces_of(sequence: MeshSequence) -> Ints:
-    if len(sequence.faces) or sequence.grid is None or sequence.topology is None:
-        return sequence.faces
-    if sequence.topology.n_axes == 2 and min(sequence.grid) > 1:
-        return mesh.lattice_faces(sequence.topology, sequence.grid)
-    return sequence.faces
-
-
 def _require_left(faces: Ints) -> None:
     """Refuse a surface of which merging leaves no triangle."""
     a, b, c = faces.T
@@ -322,10 +295,8 @@ def _normalised(start: Floats, faces: Ints) -> tuple[surfaces.Surface, Floats, f
     Vertices in no triangle may lie anywhere and must not set the scale: they are put into
     the corner.
     """
-    used = np.ones(len(start), dtype=np.bool_)
-    if len(faces):
-        used[:] = False
-        used[faces.ravel()] = True
+    used = np.full(len(start), not len(faces))
+    used[faces.ravel()] = True
     corner = start[np.argmax(used)]
     vertices = np.where(used[:, None], start, corner) - corner
     largest = float(np.abs(vertices).max(initial=0.0))
@@ -344,29 +315,19 @@ def _mean_surface(surface: surfaces.Surface, middle: Floats) -> surfaces.Surface
     return replace(mean, vertices=mean.vertices + (surface.centroid - mean.centroid))
 
 
-def _carried_over(values: Floats, start: Floats, isolated: Ints) -> Floats:
-    """Coordinates with isolated vertices at those of the nearest vertex in use."""
-    if not len(isolated):
-        return values
-    values = values.copy()
-    values[isolated] = values[template.nearest_in_use(start, isolated)]
-    return values
-
-
 def _notes_on_merging(representatives: Ints) -> list[Note]:
     """Note how many vertices were merged with others: see `Template.representatives`."""
     others = np.flatnonzero(representatives != np.arange(len(representatives)))
     if not len(others):
         return []
-    n = counted(len(others), "vertex", "vertices")
-    text = Note.of(
+    note = Note.of(
         "vertices_merged",
-        vertices=n,
+        vertices=counted(len(others), "vertex", "vertices"),
         n_all=len(representatives),
         first=others[0],
         other=representatives[others[0]],
     )
-    return [text]
+    return [note]
 
 
 def _notes_on_mesh(surface: surfaces.Surface, isolated: Ints) -> list[Note]:
@@ -397,15 +358,8 @@ def _notes_on_mesh(surface: surfaces.Surface, isolated: Ints) -> list[Note]:
     return notes
 
 
-def _note_on_border(cover: float, border: float) -> Note:
-    """Note that a closed surface is near the border between the two kinds of modes."""
-    return Note.of("kind_near_border", cover=cover, border=border)
-
-
-def _notes_on_landmarks(coordinates: Coordinates) -> list[Note]:
+def _notes_on_landmarks(landmarks: Landmarks, topology: Topology) -> list[Note]:
     """Name the landmarks that the shape does not determine."""
-    if coordinates.landmarks is None:
-        return []
     meaning = {
         "axis": "The direction of the axis",
         "apex": "Which end is the apex",
@@ -413,14 +367,14 @@ def _notes_on_landmarks(coordinates: Coordinates) -> list[Note]:
         "theta_zero": "The zero of theta",
         "start": "Which corner s and t start from",
     }
-    weak = [name for name in meaning if name in coordinates.landmarks.weak]
-    has_pairs = "theta_zero" in weak and coordinates.topology.closed_axes
+    weak = [name for name in meaning if name in landmarks.weak]
+    has_pairs = "theta_zero" in weak and topology.closed_axes
     pairs = " Cosine and sine of a pair can only be compared together."
     return [
         Note.of(
             "landmark_undetermined",
             what=meaning[name],
-            landmarks=_places_wanted(coordinates.topology, name),
+            landmarks=_places_wanted(topology, name),
             pairs=pairs if has_pairs and name == weak[-1] else "",
         )
         for name in weak

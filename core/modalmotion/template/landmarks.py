@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from modalmotion import errors, mesh
-from modalmotion.mesh.facts import CORNERS, landmark_of
+from modalmotion.mesh.facts import CORNERS, landmark_of, require_vertex
 from modalmotion.modes.topologies import CLOSED, Topology
 from modalmotion.notes import Note
 from modalmotion.representation import Floats, shown
@@ -85,8 +85,7 @@ def landmarks_in(
     stated = {name: facts.landmarks[name] for name in names if name in facts.landmarks}
     if is_lattice or not stated:
         return landmarks
-    own = {name: getattr(landmarks, name) for name in landmarks.names}
-    return GivenLandmarks(**{**stated, **own})
+    return GivenLandmarks(**{**stated, **landmarks.as_json()})
 
 
 @shown("strengths", "given", "n_loops")
@@ -164,13 +163,7 @@ def resolve_places(landmarks: GivenLandmarks, vertices: Floats) -> dict[str, Flo
         value = getattr(landmarks, name)
         places = value if name == CORNERS else (value,)
         for place in places:
-            if isinstance(place, int) and place >= len(vertices):
-                raise errors.ParameterError(
-                    f"The landmark '{name}' is vertex {place}, but there are {len(vertices)} "
-                    f"(0 to {len(vertices) - 1}).",
-                    remedy="Name a vertex of the sequence, counted from 0, or give a point.",
-                    vertex=place,
-                )
+            require_vertex(name, place, len(vertices))
         found = [vertices[p] if isinstance(p, int) else np.array(p) for p in places]
         positions[name] = np.stack(found) if name == CORNERS else found[0]
     return positions

@@ -3,6 +3,7 @@
 from typing import Final
 
 import numpy as np
+import scipy
 
 from modalmotion.errors import ParameterError
 from modalmotion.mesh.triangles import curve_weights, step_lengths
@@ -94,12 +95,11 @@ def _rim_positions(surface: Surface, corners: Floats) -> list[Ints]:
     places = surface.vertices[rim]
     nearest = [int(np.argmin(np.linalg.norm(places - corner, axis=1))) for corner in corners]
     turned = [(k - nearest[0]) % len(rim) for k in nearest]
+    first = nearest[0]
     if turned[1] > turned[3]:
         rim = np.roll(rim[::-1], 1)
         turned = [(-k) % len(rim) for k in turned]
-        first = (-nearest[0]) % len(rim)
-    else:
-        first = nearest[0]
+        first = (-first) % len(rim)
     if not turned[0] < turned[1] < turned[2] < turned[3]:
         raise ParameterError(
             "The four corners do not follow one another along the rim.",
@@ -127,20 +127,12 @@ def _between_corners(surface: Surface, sides: list[Ints], report: Reporter) -> F
 
 def _in_order(loop: Ints) -> Ints:
     """Vertices of a closed loop of edges, one after the other."""
-    neighbours: dict[int, list[int]] = {}
-    for a, b in loop.tolist():
-        neighbours.setdefault(a, []).append(b)
-        neighbours.setdefault(b, []).append(a)
-    start = int(loop.min())
-    order, before, here = [start], -1, start
-    while True:
-        one, other = neighbours[here][:2]
-        ahead = other if one == before else one
-        if ahead == start or len(order) > len(loop):
-            break
-        order.append(ahead)
-        before, here = here, ahead
-    return np.array(order)
+    n = int(loop.max()) + 1
+    graph = scipy.sparse.csr_array((np.ones(len(loop)), loop.T), shape=(n, n))
+    order: Ints = scipy.sparse.csgraph.depth_first_order(
+        graph, loop.min(), directed=False, return_predecessors=False
+    )
+    return order
 
 
 def torus_axes(surface: Surface, places: dict[str, Floats]) -> Axes:

@@ -82,11 +82,6 @@ class Surface:
         openings = [Opening.of(self.vertices, loop) for loop in self.connectivity.loops]
         return tuple(sorted(openings, key=lambda opening: -opening.length))
 
-    @cached_property
-    def base(self) -> Floats:
-        """Centroid of all openings by length, (3,)."""
-        return mean_of(self.openings)
-
 
 @dataclass(frozen=True, eq=False)
 class Opening:
@@ -346,7 +341,7 @@ def recognise(surface: Surface) -> tuple[Topology | None, str]:
     towards = [opening.centre - surface.centroid for opening in openings]
     if len(openings) == 2 and towards[0] @ towards[1] < 0:
         return CYLINDER, ""
-    base = surface.base - surface.centroid
+    base = mean_of(openings) - surface.centroid
     if axis_strength(surface) < FAINT_AXIS or any(arm @ base <= 0 for arm in towards):
         return None, f"Its {len(openings)} openings are not at one end."
     return CUP, ""

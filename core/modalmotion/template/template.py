@@ -294,6 +294,15 @@ def nearest_in_use(vertices: Floats, isolated: Ints) -> Ints:
     return nearest
 
 
+def carried_over(values: Floats, vertices: Floats, isolated: Ints) -> Floats:
+    """Values of vertices, (vertices, ...); isolated ones have those of their nearest in use."""
+    if not len(isolated):
+        return values
+    values = values.copy()
+    values[isolated] = values[nearest_in_use(vertices, isolated)]
+    return values
+
+
 def shapes_of(modes: Modes, template: Template) -> Floats:
     """Mode shapes at all vertices of a template, isolated ones as their nearest in use.
 
@@ -301,11 +310,7 @@ def shapes_of(modes: Modes, template: Template) -> Floats:
     -------
     (vertices, modes) float64
     """
-    shapes = modes.shapes_on(template)
-    if len(template.isolated):
-        shapes = shapes.copy()
-        shapes[template.isolated] = shapes[nearest_in_use(template.vertices, template.isolated)]
-    return shapes
+    return carried_over(modes.shapes_on(template), template.vertices, template.isolated)
 
 
 def choose_modes(

@@ -1,15 +1,14 @@
 """Observations: what was seen of a surface in one frame."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from modalmotion import mesh, notes
-from modalmotion.errors import InputError, NonFiniteError, ParameterError, ShapeError
+from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
+from modalmotion.formats.frame import in_frame
 from modalmotion.representation import Floats, FrozenArrays, Ints, shown
 
 Place: TypeAlias = str | int | tuple[int, ...]
@@ -189,19 +188,6 @@ def observed_frames(observed: Sequence[Any]) -> tuple[tuple[Frame, ...], tuple[n
         )
     note = notes.Note.of("points_thinned", n_frames=n_thinned, most=_MOST_POINTS)
     return tuple(frames), (note,) if n_thinned else ()
-
-
-@contextmanager
-def in_frame(frame: int | None, name: str = "") -> Iterator[None]:
-    """Name the frame, and the file if there is one, in what is wrong with it."""
-    try:
-        yield
-    except InputError as error:
-        error.frame = frame if error.frame is None else error.frame
-        file = repr(Path(name).name[-60:]) if name else ""
-        where = file if frame is None else f"Frame {frame}{f' ({file})' if file else ''}"
-        error.message = f"{where}: {error.message}"
-        raise
 
 
 def _frame_of(item: Any) -> Frame:

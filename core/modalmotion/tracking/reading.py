@@ -12,7 +12,7 @@ import numpy as np
 
 from modalmotion.errors import MalformedFileError, ParameterError, ShapeError
 from modalmotion.formats import detect, frame_files, npz, volumes
-from modalmotion.formats.frame import NOTHING_TO_TRACK
+from modalmotion.formats.frame import NOTHING_TO_TRACK, in_frame
 from modalmotion.formats.frames import read_mesh
 from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Parser
@@ -33,7 +33,6 @@ from modalmotion.tracking.landmarks import (
 from modalmotion.tracking.observation import (
     NAMED_PLACES,
     Observation,
-    in_frame,
     of_surface,
 )
 
@@ -172,8 +171,8 @@ def read_observed(
         return Recorded((observed,), {}, unit=unit, coordinates=system)
     if kind is None and (table := _table(data)) is not None:
         clouds, times = table
-        parser.limits.require("frames", len(clouds))
-        parser.limits.require("vertices", max(map(len, clouds), default=0))
+        most = max(map(len, clouds), default=0)
+        parser.limits.require(frames=len(clouds), vertices=most)
         return Recorded(_clouds(clouds), {}, times)
     if kind is None:
         message = detect.unknown_format(data).message if data else "The file is empty."
@@ -203,7 +202,7 @@ def _of_files(
 ) -> Recorded:
     visible = [name for name in files if not frame_files.is_hidden(name)]
     names, times, notes = _listed(visible, files, parser.limits)
-    parser.limits.require("frames", len(names))
+    parser.limits.require(frames=len(names))
     frames: list[_FrameFile] = []
     for k, name in enumerate(reported(names, progress)):
         with in_frame(k, name):
@@ -283,12 +282,12 @@ def _frame(name: str, data: bytes, labels: Sequence[str | int], parser: Parser) 
     if not name.lower().endswith(CLOUD_SUFFIXES):
         return _of_mesh(data, parser)
     points = _cloud(data)
-    parser.limits.require("vertices", len(points))
+    parser.limits.require(vertices=len(points))
     return _FrameFile((Observation(points),))
 
 
 def _of_mesh(data: bytes, parser: Parser) -> _FrameFile:
-    mesh, _ = read_mesh(data, None, parser)
+    mesh, _ = read_mesh(data, None, parser.limits)
     is_cloud = not len(mesh.faces)
     own = (
         Observation(mesh.positions.astype(np.float64))
@@ -419,8 +418,7 @@ def _clouds_in(arrays: Mapping[str, Array], limits: ReadLimits) -> list[Array]:
                 "frames.",
                 remedy=_NPZ_REMEDY,
             )
-        limits.require("frames", len(points))
-        limits.require("vertices", points.shape[1])
+        limits.require(frames=len(points), vertices=points.shape[1])
         # Frames of fewer points are filled up with NaN.
         return [x[~np.isnan(x).all(axis=1)] for x in points]
     n = len(points) if points.ndim == 2 else -1
@@ -429,8 +427,7 @@ def _clouds_in(arrays: Mapping[str, Array], limits: ReadLimits) -> list[Array]:
         raise MalformedFileError(
             f"The offsets do not run from 0 to the {n} points.", remedy=_NPZ_REMEDY
         )
-    limits.require("frames", offsets.size - 1)
-    limits.require("vertices", int(np.diff(offsets).max()))
+    limits.require(frames=offsets.size - 1, vertices=int(np.diff(offsets).max()))
     return [points[a:b] for a, b in pairwise(offsets)]
 
 

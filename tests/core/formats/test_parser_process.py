@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -14,7 +15,7 @@ import hostile_parsers
 import pytest
 from format_samples import sequence
 
-from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.errors import LimitError, MalformedFileError, StoreError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, parser_process, write_vtkhdf
 from modalmotion.formats.parser_child import landlock_version
 from modalmotion.formats.parser_process import ParserLostError, ParserProcess, parser_of_thread
@@ -181,3 +182,24 @@ def test_a_fork_has_a_parser_of_its_own() -> None:
     if not pid:
         os._exit(parser_of_thread(DEFAULT_LIMITS) is own)
     assert os.waitpid(pid, 0)[1] == 0
+
+
+@pytest.mark.parametrize("what", ["process", "thread"])
+def test_one_that_cannot_be_started_is_no_fault_of_its_file(
+    monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    def refused(*_: object, **__: object) -> None:
+        if what == "process":
+            raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+        raise RuntimeError("can't start new thread")
+
+    image = write_vtkhdf(sequence())
+    with ParserProcess(DEFAULT_LIMITS, 30.0) as parser:
+        with monkeypatch.context() as patch:
+            of = "subprocess.Popen" if what == "process" else "threading.Thread.start"
+            patch.setattr(of, refused)
+            with pytest.raises(StoreError, match="could not be started") as caught:
+                parser.parse("hdf5", image)
+        assert "try again" in caught.value.remedy
+        # When there are some again it reads the file.
+        assert parser.parse("hdf5", image).arrays["vertices"].any()

@@ -155,7 +155,7 @@ DOCTYPE = b"<!DOCTYPE VTKFile [<!ENTITY a SYSTEM 'file:///etc/passwd'>]><VTKFile
         ),
         (vtk_text(VERTICES[0], [[0, 1, 99]]), InputError, "Face 0 names vertex 99"),
         (vtk_text(VERTICES[0]).replace(b"made by", b"nan"), None, ""),
-        (vtk_text(VERTICES[0] * np.nan), InputError, "not finite"),
+        (vtk_text(VERTICES[0] * np.nan), InputError, "vertex 0: x is nan"),
         (vtp_text(VERTICES[0])[:600], MalformedFileError, "not readable XML"),
         (vtp_text(VERTICES[0]).replace(b'Points="12"', b'Points="13"'), MalformedFileError, "VTK"),
         (vtp_text(VERTICES[0]).replace(b'Points="12"', b'Points="999999999"'), LimitError, "vert"),

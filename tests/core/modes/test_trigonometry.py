@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modalmotion.modes.lattice import circle_cosines, cos_pi, exact_products, sin_pi
+from modalmotion.modes.lattice import cos_pi, exact_products, sin_pi
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -53,11 +53,6 @@ def test_landmarks() -> None:
     k = np.arange(9)
     assert cos_pi(k, 4)[[0, 2, 4, 6, 8]].tolist() == [1.0, 0.0, -1.0, 0.0, 1.0]
     assert sin_pi(k, 4)[[0, 2, 4, 6, 8]].tolist() == [0.0, 1.0, 0.0, -1.0, 0.0]
-
-
-@pytest.mark.parametrize("turn", [4, 8, 12, 20, 28, 100, 160, 252, 1600, 4 * 1021, 1 << 14])
-def test_a_circle_has_the_bits_of_single_cosines(turn: int) -> None:
-    assert np.array_equal(circle_cosines(turn), cos_pi(np.arange(turn), turn // 2))
 
 
 @given(

@@ -56,7 +56,7 @@ def _nifti_of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> 
             f"The NIfTI file has {len(shape)} axes: more than space and time.", remedy=_NIFTI_REMEDY
         )
     n_frames, offset = int(full[3]), int(header.get_data_offset())
-    limits.require("frames", n_frames)
+    limits.require(frames=n_frames)
     slope, intercept = header.get_slope_inter()
     values = stack.samples(
         *(data, kind, full[:4], limits),
@@ -255,7 +255,7 @@ def _nrrd_of(header: Any, values: Array, limits: ReadLimits) -> result.Parsed:
     scales = signs * _scales(units, notes)
     affine = scales[:, None] * np.column_stack([steps, origin])
     frames = np.moveaxis(values, other[0], 0) if other else values[None]
-    limits.require("frames", len(frames))
+    limits.require(frames=len(frames))
     if interval is None:
         times, unit = _times(header, other, spacings, len(frames))
     else:
@@ -346,7 +346,7 @@ def _parse(data: bytes, limits: ReadLimits) -> result.Parsed:
     axes = np.array(turn).reshape(n, n).T[:3, :3] * np.array(spacing[:3])
     affine = np.column_stack([axes, origin[:3]])
     frames = np.moveaxis(values, 3, 0) if n == 4 else values[None]
-    limits.require("frames", len(frames))
+    limits.require(frames=len(frames))
     # The format has no field for a unit of time.
     notes: list[Note] = []
     times = stack.timed(

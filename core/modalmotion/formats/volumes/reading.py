@@ -158,7 +158,7 @@ def _of_files(
             error.message = f"{Path(name).name[-60:]!r}: {error.message}"
             raise
         total += sum(array.nbytes for array in answer.arrays.values())
-        parser.limits.require("decompressed_bytes", total)
+        parser.limits.require(decompressed_bytes=total)
         if kind == "dicom":
             slices += _slices(answer)
         else:

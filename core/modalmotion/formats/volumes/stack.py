@@ -112,7 +112,7 @@ def declared_bytes(
                 f"The image has {length} samples along an axis.", remedy="Write the file again."
             )
         n *= int(length)
-    limits.require("decompressed_bytes", n * (max(4, itemsize) if is_scaled else itemsize))
+    limits.require(decompressed_bytes=n * (max(4, itemsize) if is_scaled else itemsize))
     return n * itemsize
 
 
@@ -153,7 +153,7 @@ def samples(
     n_bytes = declared_bytes(shape, kind.itemsize, limits, is_scaled=scale != (1.0, 0.0))
     held: bytes | Bytes = data
     if packing is not None:
-        limits.require("decompressed_bytes", head + n_bytes)
+        limits.require(decompressed_bytes=head + n_bytes)
         held, start = unpacked(data, packing, head + n_bytes, start), head
     if len(held) - start < n_bytes:
         raise MalformedFileError(
