@@ -5,7 +5,7 @@ import inspect
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Generic, TypeVar, cast
 
 from modalmotion import store
@@ -270,7 +270,7 @@ class Caller(Connection):
     def _started(
         self, asked: Call, read: Callable[[Answer], T], progress: Reporter | None = None
     ) -> Job[T]:
-        answer = self._send(asked.with_headers(Prefer="respond-async"), progress)
+        answer = self._send(replace(asked, headers={"Prefer": "respond-async"}), progress)
         if answer.status != 202:
             raise errors.BrokenAnswerError(
                 f"The service answered {answer.status} and started no job.",

@@ -272,11 +272,6 @@ class Call:
     is_repeatable: bool = False
     is_keyed: bool = False
 
-    def with_headers(self, **headers: str) -> Call:
-        """Return the same call with more headers."""
-        named = {name.replace("_", "-"): value for name, value in headers.items()}
-        return replace(self, headers={**(self.headers or {}), **named})
-
 
 @shown("status", "content")
 @dataclass(frozen=True)
@@ -378,7 +373,8 @@ class Connection:
             If no answer comes.
         """
         if call.is_keyed:
-            call = call.with_headers(Idempotency_Key=secrets.token_hex(16))
+            key = {"Idempotency-Key": secrets.token_hex(16)}
+            call = replace(call, headers={**(call.headers or {}), **key})
         may_repeat = call.method in _SAFE or call.is_repeatable or call.is_keyed
         end = time.monotonic() + self._retries.deadline
         for attempt in range(self._retries.attempts):

@@ -90,7 +90,7 @@ class SequenceStore(opening.SequenceRecords):
             If the image has no sound seal.
         """
         named = replace(record, subject=subject, label=label)
-        return self._put(named, lambda: _content(image))
+        return self._put(named, lambda: load_sealed(image)[1])
 
     def _put(
         self,
@@ -189,9 +189,11 @@ class SequenceStore(opening.SequenceRecords):
             for what, text in stated.items():
                 require_name(what, text)
             wanted.facts.require_fit(record.n_vertices, record.span)
-            results = {} if track is None else {track_name(record.id): lambda: _content(track)}
+            results = (
+                {} if track is None else {track_name(record.id): lambda: load_sealed(track)[1]}
+            )
             files, digests = self._missing(
-                record.id, lambda: _content(image), results, is_known=known is not None
+                record.id, lambda: load_sealed(image)[1], results, is_known=known is not None
             )
             created = now() if known is None else known.created
             record = replace(
@@ -297,10 +299,6 @@ class SequenceStore(opening.SequenceRecords):
             self.sequence_record(sequence_id)
             deletion.begin_deletion(self._folder, sequence_id)
             deletion.finish_deletion(self._folder, index, sequence_id)
-
-
-def _content(image: bytes | Path) -> bytes:
-    return load_sealed(image)[1]
 
 
 def upload_image(sequence: MeshSequence) -> bytes:
