@@ -29,12 +29,12 @@ from modalmotion.template.template import landmark_datasets, landmarks_from
 FORM: Final = Form("signature", 7)
 
 _ARRAYS: Final = {
-    "amplitudes": ("{u}", "frame, mode, component"),
-    "amplitude_deviations": ("{u}", "frame, mode, component"),
+    "amplitudes": ("{u}", "frame, mode, direction"),
+    "amplitude_deviations": ("{u}", "frame, mode, direction"),
     "angular_frequencies": ("rad/s", "mode"),
-    "reference_amplitudes": ("{u}", "mode, direction"),
+    "reference_amplitudes": ("{u}", "mode, coordinate"),
     "volumes": ("{u}^3", "frame"),
-    "translations": ("{u}", "frame, direction"),
+    "translations": ("{u}", "frame, coordinate"),
     **dict.fromkeys(LENGTHS_OF_FRAMES, ("{u}", "frame")),
     "lengths": ("{u}", "axis"),
     "condition": ("1", ""),
@@ -116,7 +116,7 @@ def signature_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> making.Moda
     """
     with FORM.read(source, ids) as contents:
         parameters = parameters_from_json(contents.json("parameters", dict))
-        sizes = {"component": parameters.n_directions, "direction": 3, "row": 3, "column": 3}
+        sizes = {"direction": parameters.n_directions, "coordinate": 3, "row": 3, "column": 3}
         arrays = contents.table(_ARRAYS, sizes, optional=_OPTIONAL)
         known = contents.arrays
         return making.ModalSignature(

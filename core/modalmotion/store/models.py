@@ -1,6 +1,5 @@
 """Models, templates and norms of a store."""
 
-import hashlib
 from pathlib import Path
 
 from modalmotion.classification import card, model_files
@@ -46,7 +45,7 @@ class ModelStore(Opening):
         stored_model = model_files.kept_model(model) if isinstance(model, Model) else model
         name = card.require_model_name(stored_model.record.name)
         index = self._open_index()
-        with self._changing(_lock_of(name)):
+        with self._changing(name):
             training = stored_model.record.training
             known = None if training is None else self.model_of_training(training)
             if known is not None:
@@ -125,7 +124,7 @@ class ModelStore(Opening):
         """
         return self._present(
             lambda: self._folder.path("models", self.model_record(name, version).reference),
-            _lock_of(name),
+            name,
             f"The file of the model {name}@{version}",
             "Train the model again, which makes a new version",
         )
@@ -170,17 +169,12 @@ class ModelStore(Opening):
             next `open` does.
         """
         index = self._open_index()
-        with self._changing(_lock_of(name)):
+        with self._changing(name):
             record = self.model_record(name, version)
             gone = deletion.begin_model_deletion(self._folder, record)
             # From here on it is deleted, whatever happens.
             index.put_model(gone)
             disk.remove_durably(self._folder.path("models", gone.reference))
-
-
-def _lock_of(name: str) -> str:
-    # Locks are chosen by the digits of a sequence's id; a name has none.
-    return hashlib.sha256(name.encode()).hexdigest()
 
 
 class TemplateStore(sequences.SequenceStore):

@@ -120,20 +120,27 @@ class Opening:
         return index
 
     @contextmanager
-    def _changing(self, *sequence_ids: str) -> Iterator[bool]:
-        """Keep other changes to sequences out; after a failure the next `open` looks closely.
+    def _changing(self, *names: str) -> Iterator[bool]:
+        """Keep other changes to things out; after a failure the next `open` looks closely.
 
-        Yields whether a deletion that had failed was finished first.
+        Parameters
+        ----------
+        *names : str
+            Ids of sequences, or anything that names something else.
+
+        Yields
+        ------
+        bool
+            Whether the deletion of a sequence that had failed was finished first.
         """
         with contextlib.ExitStack() as stack:
             # All who take several take them in this order, so there is no deadlock.
-            for number in sorted({int(name[:8], 16) % _N_STRIPES for name in sequence_ids}):
+            for number in sorted({hash(name) % _N_STRIPES for name in names}):
                 stack.enter_context(self._stripes[number])
             index = self._open_index()
             try:
-                deleted = {
-                    name for name in sequence_ids if self._folder.path("deletions", name).exists()
-                }
+                ids = set(filter(folders.is_id, names))
+                deleted = {one for one in ids if self._folder.path("deletions", one).exists()}
                 for name in deleted:
                     deletion.finish_deletion(self._folder, index, name)
                 yield bool(deleted)
