@@ -155,6 +155,10 @@ WORDS: Final = {
         "Both ends of the labelled cavity are open: its lowest slice is {share:.0%} as large as "
         "its largest, so the apex was extrapolated; volumes depend on it."
     ),
+    "slices_left_out": (
+        "The highest slices are not labelled in {n_frames} frames (frame {first} is the first), "
+        "though others have them: the base there was inferred from the other frames."
+    ),
     "cavity_recognised": (
         "Label {label} was taken as the cavity, and label {wall}, which makes up {share:.0%} of "
         "its border, as its wall ({volumes}); if that is wrong, state the cavity's label."
@@ -170,7 +174,7 @@ WORDS: Final = {
         "(reference: {share:.0%}); there the motion is interpolated."
     ),
     "reference_unobserved": (
-        "Nothing was observed in the reference; the shape is that of frame {frame}."
+        "Too little was observed in the reference; the shape is that of frame {frame}."
     ),
     "points_thinned": (
         "{n_frames} frames have more than {most:,} points; as many of each were read."

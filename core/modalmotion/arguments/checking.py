@@ -261,17 +261,13 @@ def _shown(signature: inspect.Signature) -> str:
     return str(inspect.Signature(plain))
 
 
-def _array_of(hint: Any) -> str:
-    return "array of whole numbers" if "int" in str(hint) else "array of numbers"
-
-
 def _unfit(function: str, key: str, value: Any, hint: Any) -> InputError:
     kinds = [one for one in _alternatives(hint) if one is not types.NoneType]
     names = [getattr(one, "__name__", str(one)) for one in kinds]
-    meant = " or ".join(dict.fromkeys(names)).replace("ndarray", _array_of(hint))
+    array = "array of whole numbers" if "int" in str(hint) else "array of numbers"
+    meant = " or ".join(dict.fromkeys(names)).replace("ndarray", array)
     if "TrainingCase" in str(hint):
-        meant = "table or several cases"
-        names = ["TrainingCase"]
+        meant, names = "table or several cases", ["TrainingCase"]
     # A path is what most have.
     of = sorted((name for name in names if name in _MADE), key="bytes".__eq__)
     remedy = _MADE[of[0]] if of else f"Give {with_article(meant)}."

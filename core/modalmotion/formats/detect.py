@@ -53,6 +53,16 @@ CONVERT: Final = (
 )
 """Remedy for meshes of finite elements."""
 
+# First bytes, behind a mark of their order and spaces.
+_KNOWN: Final = (
+    (rb"glTF", Format.GLB),
+    (rb"ply\s", Format.PLY),
+    (rb"# vtk DataFile", Format.VTK),
+    (rb"(<\?xml[^>]*>\s*)?(<!DOCTYPE Xdmf[^>]{0,200}>\s*)?<Xdmf", Format.XDMF),
+    (rb"MATLAB 5.0 MAT-file", Format.MAT),
+    (rb"(?i:solid)", Format.STL),
+)
+
 # Known formats that cannot be read, each with a remedy.
 _OTHERS: Final = (
     (
@@ -107,33 +117,23 @@ def detect_format(data: bytes) -> Format | None:
         return Format.NPZ if name.endswith(b".npy") else Format.ZIP
     if data.startswith(SIGNATURE) or data[512:520] == SIGNATURE:
         return Format.HDF5
-    if data.startswith(b"glTF"):
-        return Format.GLB
     head = data[:_HEAD].removeprefix(b"\xef\xbb\xbf").lstrip()
-    if re.match(rb"ply\s", head):
-        return Format.PLY
-    if head.startswith(b"# vtk DataFile"):
-        return Format.VTK
     if (kind := _vtk_xml_type(head)) in _VTK_XML_TYPES:
         return _VTK_XML_TYPES[kind]
-    if re.match(rb"(<\?xml[^>]*>\s*)?(<!DOCTYPE Xdmf[^>]{0,200}>\s*)?<Xdmf", head):
-        return Format.XDMF
-    if data.startswith(b"MATLAB 5.0 MAT-file"):
-        return Format.MAT
-    if is_binary_stl(data) or head[:5].lower() == b"solid":
+    for pattern, form in _KNOWN:
+        if re.match(pattern, head):
+            return form
+    if is_binary_stl(data):
         return Format.STL
     return _text_format(head)
 
 
 def _text_format(head: bytes) -> Format | None:
-    for line in head.splitlines():
-        text = line.partition(b"#")[0].strip()
-        if not text:
-            continue
-        if OFF_KEYWORD.match(text):
-            return Format.OFF
-        return Format.OBJ if text.split()[0] in KEYWORDS else None
-    return None
+    texts = (line.partition(b"#")[0].strip() for line in head.splitlines())
+    first = next(filter(None, texts), b"")
+    if OFF_KEYWORD.match(first):
+        return Format.OFF
+    return Format.OBJ if first and first.split()[0] in KEYWORDS else None
 
 
 def _vtk_xml_type(head: bytes) -> bytes | None:

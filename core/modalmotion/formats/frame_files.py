@@ -464,11 +464,11 @@ def write_ply_zip(sequence: MeshSequence) -> bytes:
     """
     grid, topology = sequence.grid, sequence.topology
     stated = {
-        "unit": sequence.unit,
-        "topology": None if topology is None else topology.name,
-        "grid": None if grid is None else " ".join(map(str, grid)),
+        "unit": sequence.unit or "",
+        "topology": "" if topology is None else topology.name,
+        "grid": " ".join(map(str, grid or ())),
     }
-    statements = {name: value for name, value in stated.items() if value is not None}
+    statements = {name: value for name, value in stated.items() if value}
     width = max(4, len(str(sequence.n_frames - 1)))
     names = [f"frame_{i:0{width}d}.ply" for i in range(sequence.n_frames)]
     files = {

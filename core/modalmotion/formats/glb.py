@@ -325,6 +325,12 @@ def _read(file: File, animation: str | None) -> Reading:
         file.hold(world.nbytes)
     moved = _placed(mesh, weights, world)
     vertices = np.broadcast_to(moved, (len(times), *moved.shape[1:])).copy()
+    notes = [Note.of("no_animation")] if not channels else []
+    if channels and len(mesh.shapes) == 1:
+        notes.append(Note.of("no_morph_targets"))
+    n_twice = len(vertices[0]) - len(np.unique(vertices[0], axis=0))
+    if n_twice:
+        notes.append(Note.of("vertices_split", n_vertices=n_twice))
     extras = file.document.get("asset", {}).get("extras", {})
     ours = extras.get(OURS, {}) if isinstance(extras, dict) else {}
     is_timed = bool(channels) and "times_unknown" not in ours
@@ -339,7 +345,7 @@ def _read(file: File, animation: str | None) -> Reading:
         # glTF 2.0, 3.4: "a right-handed coordinate system". Our own files are written unturned.
         facts=NO_FACTS if ours else Facts(handedness="right"),
         unit_from="file" if "unit" in ours else "format",
-        notes=_notes(vertices[0], len(mesh.shapes) - 1, channels),
+        notes=notes,
         ignored=(*ignored, *(f"animation {name}" for name in others)),
         coordinate_system=None if ours else "Y up",
     )
@@ -370,10 +376,9 @@ def _nodes(file: File) -> list[int]:
             remedy="Bake the animation to shape keys (morph targets) and export again, or "
             "export each frame as PLY or OBJ and send them as .zip.",
         )
-    nodes = shown
-    while (parent := above[nodes[-1]]) is not None:
-        nodes.append(parent)
-    return nodes[::-1]
+    while (parent := above[shown[-1]]) is not None:
+        shown.append(parent)
+    return shown[::-1]
 
 
 def _local(node: dict[str, Any], index: int, channels: Channels, times: Floats) -> Floats:
@@ -481,15 +486,3 @@ def _placed(mesh: _Mesh, weights: Floats, M: Floats) -> Floats:
     moved = np.tensordot(weights, mesh.shapes[1:], axes=(1, 0)) + mesh.shapes[0]
     placed: Floats = np.matmul(moved, M[:, :3, :3].transpose(0, 2, 1))
     return placed + M[:, None, :3, 3]
-
-
-def _notes(positions: Array, n_targets: int, channels: Channels) -> list[Note]:
-    notes = []
-    if not channels:
-        notes.append(Note.of("no_animation"))
-    elif n_targets == 0:
-        notes.append(Note.of("no_morph_targets"))
-    n_twice = len(positions) - len(np.unique(positions, axis=0))
-    if n_twice:
-        notes.append(Note.of("vertices_split", n_vertices=n_twice))
-    return notes

@@ -108,7 +108,7 @@ def read_npz(data: bytes, limits: ReadLimits = NO_LIMITS) -> result.Reading:
         topology=text_in(arrays, "topology"),
         times=times,
         unit=text_in(arrays, "unit"),
-        facts=_facts(arrays),
+        facts=mesh.facts_from_texts({name: text_in(arrays, name) for name in mesh.NAMES}),
         notes=named_arrays.note_on(aliases),
         ignored=tuple(name for name in names if name not in (*_KNOWN, *aliases.values())),
     )
@@ -176,27 +176,22 @@ def write_npz(sequence: MeshSequence) -> bytes:
     bytes
         `read_npz` reads it back with the same id and the same facts.
     """
-    buffer = io.BytesIO()
-    np.savez(buffer, **npz_arrays(sequence))
-    return buffer.getvalue()
-
-
-def npz_arrays(sequence: MeshSequence) -> dict[str, Any]:
-    """Arrays of a sequence's archive, by name."""
-    arrays: dict[str, Any] = {"vertices": sequence.vertices, "faces": sequence.faces}
-    if sequence.grid is not None:
-        arrays["grid"] = np.array(sequence.grid)
-    if sequence.topology is not None:
-        arrays["topology"] = np.array(sequence.topology.name)
-    if sequence.times is not None:
-        arrays["times"] = sequence.times
-    if sequence.unit is not None:
-        arrays["unit"] = np.array(sequence.unit)
     stated = mesh.facts_as_json(sequence.facts)
-    for name in sequence.facts.stated:
-        value = stated[name]
-        arrays[name] = np.array(json.dumps(value) if isinstance(value, dict) else value)
-    return arrays
+    facts = {name: stated[name] for name in sequence.facts.stated}
+    optional = {
+        "grid": sequence.grid,
+        "topology": None if sequence.topology is None else sequence.topology.name,
+        "times": sequence.times,
+        "unit": sequence.unit,
+        **{
+            k: json.dumps(value) if isinstance(value, dict) else value for k, value in facts.items()
+        },
+    }
+    arrays: dict[str, Any] = {"vertices": sequence.vertices, "faces": sequence.faces}
+    arrays |= {name: np.array(value) for name, value in optional.items() if value is not None}
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
 
 
 # NumPy reads headers of 10,000 letters at most, after twelve bytes of their own.
@@ -237,35 +232,25 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Array:
     return array.reshape(shape, order="F" if is_fortran else "C")
 
 
-def text_in(arrays: dict[str, Array], name: str) -> str | None:
-    """Read an array that is one text; None if it is empty or not there.
+def text_in(arrays: dict[str, Array], name: str) -> Any:
+    """Read an array that is one text, or the number of a period; None if empty or not there.
 
     Raises
     ------
     ShapeError
-        If it is not one text.
+        If it is not one.
     """
     if name not in arrays:
         return None
-    array = arrays[name]
-    if array.dtype.kind != "U" or array.size != 1:
+    array, is_number = arrays[name], name == "period"
+    if (array.dtype.kind != "U" and not is_number) or array.size != 1:
+        what, example = ("number", "0.8), in s") if is_number else ("text", "'...')")
         raise errors.ShapeError(
-            f"The array {name!r} has the shape {array.shape} of {array.dtype}, not one text.",
-            remedy=f"Store it as numpy.array('...'), or leave {name!r} out.",
+            f"The array {name!r} has the shape {array.shape} of {array.dtype}, not one {what}.",
+            remedy=f"Store it as numpy.array({example}, or leave {name!r} out.",
         )
-    return str(array.reshape(())[()]) or None
-
-
-def _facts(arrays: dict[str, Array]) -> mesh.Facts:
-    texts: dict[str, Any] = {name: text_in(arrays, name) for name in mesh.NAMES if name != "period"}
-    if "period" in arrays:
-        if arrays["period"].size != 1:
-            raise errors.ShapeError(
-                f"The array 'period' has the shape {arrays['period'].shape}, not one number.",
-                remedy="Store it as numpy.array(0.8), in s, or leave 'period' out.",
-            )
-        texts["period"] = arrays["period"].item()
-    return mesh.facts_from_texts(texts)
+    value = array.item()
+    return None if value == "" else value
 
 
 def _reason(error: Exception) -> str:

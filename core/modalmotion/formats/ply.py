@@ -134,8 +134,7 @@ def read_ply(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     listed = next((name for name in _LISTS if name in faces), None)
     if listed is None and n_faces:
         raise _malformed("The PLY file's faces have no vertex_indices.")
-    none = np.zeros(0, dtype=np.int64)
-    sizes, corners = (none, none) if listed is None else _whole(faces[listed])
+    sizes, corners = _whole(faces[listed]) if listed else (np.zeros(0, np.int64),) * 2
     polygons = triangulate(sizes, corners, limits)
     used = {*(("vertex", axis) for axis in "xyz"), ("face", listed)}
     every = [(e.name, p.name) for e in header.elements for p in e.properties]

@@ -32,11 +32,11 @@ _KINDS: Final = {
     **{f"vtktype{u}int{8 * n}": f"{u or 'i'}{n}" for u in ("", "u") for n in (1, 2, 4, 8)},
     **dict(zip(("float", "double", "vtkidtype"), ("f4", "f8", "i4"), strict=True)),
 }
+_LEFT_OUT: Final = {"vertices": "Verts", "lines": "Lines"}
 _SECTIONS: Final = {
     **dict.fromkeys(("polygons", "cells"), "Polys"),
-    **dict(
-        zip(("vertices", "lines", "triangle_strips"), ("Verts", "Lines", "Strips"), strict=True)
-    ),
+    **_LEFT_OUT,
+    "triangle_strips": "Strips",
 }
 _WORD: Final = re.compile(rb"\s*(\S{1,250})(?=\s|$)")
 _OFFSETS: Final = re.compile(rb"(?i)\s+offsets(?=\s)")
@@ -67,7 +67,7 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
     if dataset != "dataset" or kind not in ("polydata", "unstructured_grid"):
         raise malformed(f"The VTK file is a {kind[:40] or 'file'} without a surface.")
     points: Array = np.zeros((0, 3))
-    cells: dict[str, tuple[Ints, Ints]] = {}
+    cells = {"Polys": (np.zeros(0, np.int64),) * 2}
     types, statements = None, dict(space_in(title))
     while (word := file.word()) not in ("", "point_data", "cell_data"):
         if word == "points":
@@ -88,7 +88,7 @@ def read_vtk_legacy(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
             raise malformed(f"The VTK file has a section {word[:40]!r}, which is unknown.")
     if not len(points):
         raise malformed("The VTK file contains no points.")
-    sizes, corners = cells.get("Polys", (np.zeros(0, np.int64),) * 2)
+    sizes, corners = cells["Polys"]
     if kind == "unstructured_grid" and len(sizes) != (0 if types is None else len(types)):
         raise malformed("The VTK file's grid has other types than cells.")
     counts = {name: len(of) for name, (of, _) in cells.items()}
@@ -137,9 +137,7 @@ def surface_of(
     LimitError
         If its polygons are more triangles than `limits` accept.
     """
-    skipped = [
-        f"{word}" for word, name in (("vertices", "Verts"), ("lines", "Lines")) if counts.get(name)
-    ]
+    skipped = [word for word, name in _LEFT_OUT.items() if counts.get(name)]
     if counts.get("Strips"):
         raise MalformedFileError(
             "The VTK file contains triangle strips.",
@@ -177,8 +175,7 @@ def numbers_in(text: bytes, kind: np.dtype[Any]) -> Array:
     # NumPy reads one number in spaces alone.
     text = text.strip()
     try:
-        is_real = kind.kind == "f"
-        values: Array = np.fromstring(text, "f8" if is_real else "i8", sep=" ")
+        values: Array = np.fromstring(text, "f8" if kind.kind == "f" else "i8", sep=" ")
     except ValueError:
         raise malformed(f"Numbers of the VTK file read {text[:40]!r}.") from None
     with np.errstate(over="ignore"):

@@ -94,13 +94,13 @@ class _File:
         pieces = content.findall("Piece")
         sizes = [_count(piece, "NumberOfPoints") for piece in pieces]
         self.limits.require(vertices=sum(sizes))
-        names = ("NumberOfCells",) if is_grid else ("NumberOfPolys",)
-        self.limits.require(faces=sum(_count(piece, name) for piece in pieces for name in names))
+        name = "NumberOfCells" if is_grid else "NumberOfPolys"
+        self.limits.require(faces=sum(_count(piece, name) for piece in pieces))
         points, cells, types, n_points = [], [], [], 0
         for piece, n in zip(pieces, sizes, strict=True):
             if n:
                 points.append(self._values(_named(piece.find("Points"), ""), 3 * n).reshape(n, 3))
-            n_cells = _count(piece, names[0])
+            n_cells = _count(piece, name)
             offsets, corners = self._cells(piece.find("Cells" if is_grid else "Polys"), n_cells)
             if len(corners) and not 0 <= corners.min() <= corners.max() < n:
                 raise malformed(
@@ -119,7 +119,6 @@ class _File:
             for kind in ("Point", "Cell")
             for array in pieces[0].iterfind(f"{kind}Data/*")
         ]
-        statements = dict(self._statements(content.find("FieldData")))
         return surface_of(
             np.concatenate(points),
             np.concatenate([sizes for sizes, _ in cells]),
@@ -128,7 +127,7 @@ class _File:
             self.limits,
             ignored=data,
             counts=counts,
-            statements=statements,
+            statements=dict(self._statements(content.find("FieldData"))),
         )
 
     def _statements(self, field: Element | None) -> Iterator[tuple[str, str]]:
@@ -200,18 +199,13 @@ class _File:
         self._hold(sum(lengths))
         pieces = read(sum(packed))
         ends = np.cumsum([0, *packed]).tolist()
-        return b"".join(
-            self._unpacked(pieces[a:b], n)
-            for a, b, n in zip(ends[:-1], ends[1:], lengths, strict=True)
-        )
-
-    def _unpacked(self, piece: bytes, n_bytes: int) -> bytes:
         if self.packing != "vtkZLibDataCompressor":
             raise MalformedFileError(
                 f"The VTK file is compressed by {self.packing[:40]!r}, which is not read.",
                 remedy="Save it again with the compressor ZLib, or without compression.",
             )
-        return unpacked(piece, "zlib", n_bytes).tobytes()
+        pairs = zip(ends, ends[1:], lengths, strict=False)
+        return b"".join(unpacked(pieces[a:b], "zlib", n).tobytes() for a, b, n in pairs)
 
     def _hold(self, n_bytes: int) -> None:
         self.n_bytes += n_bytes

@@ -24,6 +24,7 @@ def write_images(path: Path, images: ImageSequence) -> None:
     images : ImageSequence
     """
     alike: dict[tuple[str, tuple[int, ...]], list[Array]] = {}
+    # Of each volume or plane its frame, the dataset of all that are alike, and its row there.
     places: list[tuple[int, int, int]] = []
     affines: list[Floats] = []
     thicknesses: list[float] = []

@@ -82,41 +82,12 @@ def require_affine(affine: Any, n_axes: int) -> Floats:
     return A
 
 
-def are_missing(samples: Array) -> bool:
-    """Return whether any sample is not finite, looking at a slab at a time."""
-    return samples.dtype.kind == "f" and not all(np.isfinite(slab).all() for slab in samples)
-
-
 # Of the eight or four samples around a place, by weight: fewer that are there say too little.
 _LEAST_SHARE = 0.5
 
 
-def interpolated(values: Array, indices: Floats, *, are_missing: bool) -> Floats:
-    """Interpolate linearly; NaN outside, and where most samples around are missing.
-
-    Parameters
-    ----------
-    values : (i, j, k) or (i, j) array
-        NaN if missing.
-    indices : (n, axes) float64
-    are_missing : bool
-        Whether any are.
-
-    Returns
-    -------
-    (n,) float64
-    """
-    if are_missing:
-        return _among_missing(values, indices)
-    places = np.ascontiguousarray(indices.T)
-    found: Floats = scipy.ndimage.map_coordinates(
-        values, places, output=np.float64, order=1, cval=np.nan
-    )
-    return found
-
-
-def _among_missing(values: Array, indices: Floats) -> Floats:
-    """Weigh the samples around each place that are there; no array as large as the image."""
+def among_missing(values: Array, indices: Floats) -> Floats:
+    """Weigh the samples around indices (n, axes) that are there; no array as large as the image."""
     last = np.array(values.shape) - 1
     with np.errstate(invalid="ignore"):
         inside = ((indices >= 0) & (indices <= last)).all(axis=1)
@@ -162,7 +133,9 @@ class _Samples(FrozenArrays):
 
     @cached_property
     def _are_missing(self) -> bool:
-        return are_missing(self.values)
+        # A slab at a time.
+        slabs = self.values if self.values.dtype.kind == "f" else ()
+        return not all(np.isfinite(slab).all() for slab in slabs)
 
     @cached_property
     def _inverse(self) -> Floats:
@@ -174,8 +147,17 @@ class _Samples(FrozenArrays):
         return found
 
     def sample(self, points: Floats) -> Floats:
-        """Interpolate at points (n, 3), mm, or at their feet on a plane; NaN outside the image."""
-        return interpolated(self.values, self.indices(points), are_missing=self._are_missing)
+        """Interpolate at points (n, 3), mm, or at their feet on a plane, linearly: (n,) float64.
+
+        NaN outside the image, and where most samples around are missing.
+        """
+        places = self.indices(points)
+        if self._are_missing:
+            return among_missing(self.values, places)
+        found: Floats = scipy.ndimage.map_coordinates(
+            self.values, np.ascontiguousarray(places.T), output=np.float64, order=1, cval=np.nan
+        )
+        return found
 
 
 @shown("values", "spacing")

@@ -419,8 +419,7 @@ def _shares(sequence: MeshSequence, positions: Floats) -> Floats:
     total = float(sizes.sum())
     if not total > 0:
         return np.full(len(sizes), 1.0 / len(sizes))
-    shares: Floats = sizes / total
-    return shares
+    return np.asarray(sizes / total)
 
 
 # A mean takes up to three passes over all frames, and several steps ask for it.
@@ -441,8 +440,7 @@ def reference_positions(sequence: MeshSequence, reference: Reference) -> Floats:
     (vertices, 3) float64, in the sequence's unit
     """
     if reference != MEAN:
-        positions: Floats = sequence.vertices[reference].astype(np.float64)
-        return positions
+        return np.asarray(sequence.vertices[reference].astype(np.float64))
     return middle_positions(sequence, reference)
 
 

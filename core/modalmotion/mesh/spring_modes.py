@@ -130,8 +130,7 @@ class SpringModes(FrozenArrays):
         # Springs of length a, z to a vertex, carry long waves at c^2 = (K/M) z a^2 / 4.
         # Neither length is squared: their ratio is usual in every unit.
         factor = 2 * (wave_speed / edge_length) / float(np.sqrt(valence))
-        frequencies: Floats = factor * np.sqrt(np.maximum(self.eigenvalues, 0.0))
-        return frequencies
+        return np.asarray(factor * np.sqrt(np.maximum(self.eigenvalues, 0.0)))
 
     def length_of(
         self,
@@ -405,13 +404,11 @@ def _canonical(space: Floats, first_probes: Floats) -> Floats:
             vectors.append(inside / length)
             if len(vectors) == k:
                 break
-    basis: Floats = space @ np.stack(vectors, axis=1)
-    return basis
+    return np.asarray(space @ np.stack(vectors, axis=1))
 
 
 def _irregular(n: int, index: int) -> Floats:
     """Return a fixed vector without pattern: fractional parts of multiples of a square root."""
     # k^2 + 1 is no square.
     step = np.sqrt((index + 1) ** 2 + 1)
-    vector: Floats = np.modf(np.arange(1, n + 1) ** 2 * (step % 1.0))[0] - 0.5
-    return vector
+    return np.asarray(np.modf(np.arange(1, n + 1) ** 2 * (step % 1.0))[0] - 0.5)

@@ -206,8 +206,7 @@ def pieces_of(edges: Ints, n_vertices: int) -> Ints:
         shape=(n_vertices, n_vertices),
     )
     _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    numbers: Ints = labels.astype(np.int64)
-    return numbers
+    return np.asarray(labels.astype(np.int64))
 
 
 def face_normals(vertices: Floats, faces: Ints) -> Floats:
@@ -239,8 +238,7 @@ def corners_of(vertices: Floats, faces: Ints) -> tuple[Floats, Floats, Floats]:
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
     """Area of each triangle, (faces,) float64, length unit squared."""
     normals = face_normals(vertices, faces)
-    areas: Floats = 0.5 * np.sqrt(np.einsum("ij,ij->i", normals, normals))
-    return areas
+    return np.asarray(0.5 * np.sqrt(np.einsum("ij,ij->i", normals, normals)))
 
 
 def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
@@ -252,10 +250,9 @@ def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
         Zero at vertices in no triangle.
     """
     thirds = np.repeat(face_areas(vertices, faces) / 3.0, 3)
-    areas: Floats = np.bincount(faces.ravel(), weights=thirds, minlength=len(vertices)).astype(
-        np.float64
+    return np.asarray(
+        np.bincount(faces.ravel(), weights=thirds, minlength=len(vertices)).astype(np.float64)
     )
-    return areas
 
 
 def mean_slopes(vertices: Floats, faces: Ints, values: Floats, gradients: Floats) -> Floats:
@@ -322,8 +319,7 @@ def face_gradients(vertices: Floats, faces: Ints, values: Floats) -> Floats:
 def step_lengths(vertices: Floats, topology: Topology) -> Floats:
     """Length from each vertex to the next; an open curve has one less than vertices."""
     ahead = np.roll(vertices, -1, axis=0) if topology == CLOSED_CURVE else vertices[1:]
-    steps: Floats = np.linalg.norm(ahead - vertices[: len(ahead)], axis=1)
-    return steps
+    return np.asarray(np.linalg.norm(ahead - vertices[: len(ahead)], axis=1))
 
 
 def curve_weights(vertices: Floats, topology: Topology) -> Floats:
@@ -331,8 +327,7 @@ def curve_weights(vertices: Floats, topology: Topology) -> Floats:
     steps = step_lengths(vertices, topology)
     if topology == OPEN_CURVE:
         steps = np.append(steps, 0.0)
-    halves: Floats = (steps + np.roll(steps, 1)) / 2
-    return halves
+    return np.asarray((steps + np.roll(steps, 1)) / 2)
 
 
 def first_at_place(vertices: FloatArray) -> Ints:
@@ -406,8 +401,7 @@ def representatives_of(vertices: FloatArray, faces: Ints) -> Ints:
     ]
     labels = pieces_of(np.concatenate(pairs, axis=1).T, n)
     _, smallest = np.unique(labels, return_index=True)
-    merged: Ints = smallest[labels]
-    return merged
+    return np.asarray(smallest[labels])
 
 
 def _pairs_of_rows(first: Ints, rows: Ints) -> Ints:
@@ -427,15 +421,13 @@ def _pairs_of_rows(first: Ints, rows: Ints) -> Ints:
 def _border(faces: Ints, n_vertices: int) -> Ints:
     """Edges of one triangle, (edges, 2)."""
     connectivity = connectivity_of(faces, n_vertices)
-    border: Ints = connectivity.edges[connectivity.faces_at_edge == 1]
-    return border
+    return np.asarray(connectivity.edges[connectivity.faces_at_edge == 1])
 
 
 def _without_length(first: Ints, faces: Ints) -> Ints:
     """Pair the ends of each edge that is in one place, (2, pairs)."""
     sides = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    pairs: Ints = sides[first[sides[:, 0]] == first[sides[:, 1]]].T
-    return pairs
+    return np.asarray(sides[first[sides[:, 0]] == first[sides[:, 1]]].T)
 
 
 def _unused(first: Ints, faces: Ints) -> Ints:

@@ -58,8 +58,7 @@ def lengths(vectors: Floats) -> Floats:
     """
     if vectors.shape[-1] == 1:
         return np.abs(vectors[..., 0])
-    result: Floats = np.hypot(np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2])
-    return result
+    return np.asarray(np.hypot(np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2]))
 
 
 def root_mean_square(values: Floats) -> float:
@@ -85,5 +84,4 @@ def exceeded_by_a_twentieth(values: Floats) -> Floats:
     """
     n = values.shape[1]
     place = n - 1 - n // 20
-    result: Floats = np.partition(values, place, axis=1)[:, place]
-    return result
+    return np.asarray(np.partition(values, place, axis=1)[:, place])

@@ -66,8 +66,7 @@ def direction_between(surface: Surface, apex: Floats, base: Floats) -> Floats:
             "The apex and the base are in the same place, so they give no axis.",
             remedy="Give two places at opposite ends of the surface.",
         )
-    axis: Floats = span / size
-    return axis
+    return np.asarray(span / size)
 
 
 def origin_on(surface: Surface, axis: Floats, places: Mapping[str, Floats]) -> Floats:
@@ -75,8 +74,7 @@ def origin_on(surface: Surface, axis: Floats, places: Mapping[str, Floats]) -> F
     place = places.get("apex", places.get("base"))
     if place is None:
         return surface.centroid
-    foot: Floats = place + ((surface.centroid - place) @ axis) * axis
-    return foot
+    return np.asarray(place + ((surface.centroid - place) @ axis) * axis)
 
 
 def principal_axes(surface: Surface) -> tuple[Floats, Floats]:
@@ -150,8 +148,7 @@ def towards(place: Floats, origin: Floats, axis: Floats, size: float) -> Floats:
             "The landmark 'theta_zero' is on the axis, where theta has no value.",
             remedy="Give a place on the wall, away from apex and axis.",
         )
-    unit: Floats = across / length
-    return unit
+    return np.asarray(across / length)
 
 
 def axes_about(
@@ -255,8 +252,7 @@ def any_across(axis: Floats) -> Floats:
     """Choose some unit vector across the axis, where the shape offers none."""
     one = np.eye(3)[np.argmin(np.abs(axis))]
     one = one - (one @ axis) * axis
-    unit: Floats = one / np.linalg.norm(one)
-    return unit
+    return np.asarray(one / np.linalg.norm(one))
 
 
 def _unit_across(direction: Floats, axis: Floats, spread: float) -> tuple[Floats, float]:

@@ -124,8 +124,7 @@ def from_local(components: Floats, frames: Floats) -> Floats:
     -------
     (frames, vertices, 3) float64, length unit
     """
-    vectors: Floats = np.einsum("nij,fni->fnj", frames, components)
-    return vectors
+    return np.asarray(np.einsum("nij,fni->fnj", frames, components))
 
 
 class Direction(StrEnum):
@@ -166,8 +165,7 @@ def directions_on(template: Template, direction: Direction) -> Floats:
         return np.broadcast_to(along, (template.n_vertices, 3))
     frames = local_frames(template)
     number = (Direction.RADIAL, Direction.TANGENTIAL, Direction.AXIAL).index(direction)
-    directions: Floats = frames[:, number]
-    return directions
+    return np.asarray(frames[:, number])
 
 
 def vertex_normals(template: Template) -> Floats:

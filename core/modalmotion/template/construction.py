@@ -54,8 +54,7 @@ def shares_of(
     weightless = int((areas[first] == 0).sum())
     if weightless:
         notes.append(Note.of("vertices_without_weight", n_vertices=weightless))
-    shares: Floats = areas / total
-    return shares
+    return np.asarray(areas / total)
 
 
 # Below this degree too many places share the same natural coordinates.

@@ -129,10 +129,11 @@ def _in_order(loop: Ints) -> Ints:
     """Vertices of a closed loop of edges, one after the other."""
     n = int(loop.max()) + 1
     graph = scipy.sparse.csr_array((np.ones(len(loop)), loop.T), shape=(n, n))
-    order: Ints = scipy.sparse.csgraph.depth_first_order(
-        graph, loop.min(), directed=False, return_predecessors=False
+    return np.asarray(
+        scipy.sparse.csgraph.depth_first_order(
+            graph, loop.min(), directed=False, return_predecessors=False
+        )
     )
-    return order
 
 
 def torus_axes(surface: Surface, places: dict[str, Floats]) -> Axes:

@@ -290,8 +290,7 @@ def nearest_in_use(vertices: Floats, isolated: Ints) -> Ints:
     scale = power_of_two(float(np.abs(surface).max(initial=0.0)))
     with np.errstate(over="ignore"):
         apart = np.clip((vertices[isolated] - corner) / scale, -_FARTHEST, _FARTHEST)
-    nearest: Ints = used[scipy.spatial.cKDTree(surface / scale).query(apart)[1]]
-    return nearest
+    return np.asarray(used[scipy.spatial.cKDTree(surface / scale).query(apart)[1]])
 
 
 def carried_over(values: Floats, vertices: Floats, isolated: Ints) -> Floats:

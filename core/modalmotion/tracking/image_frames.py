@@ -9,7 +9,7 @@ beat. So one number turns volumes of the convention `pool` into those of the con
 which muscles do not count as cavity.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
@@ -27,6 +27,7 @@ from modalmotion.template import Template, make_template
 from modalmotion.tracking import first_shape, map_frames, moving_base, result
 from modalmotion.tracking.deformable import Deformable, require_unfolded
 from modalmotion.tracking.image_view import (
+    FAINT,
     Facets,
     Imaging,
     View,
@@ -168,8 +169,6 @@ def search(
     image: Image,
     marks: Frame,
     start: Floats,
-    prior: Prior,
-    noise: Noise,
     imaging: Imaging,
     reach: float,
     *,
@@ -185,8 +184,6 @@ def search(
     marks : Frame
         Landmarks of this frame.
     start : (modes, 3) float64, mm
-    prior : Prior
-    noise : Noise
     imaging : Imaging
     reach : float, mm
     is_known : bool
@@ -198,7 +195,8 @@ def search(
     Scene
         Its view is about the shape before the last step.
     """
-    a = start
+    a, imaging = start, imaging.within(reach)
+    prior, noise = map_frames.first_guess(surface)
     view = view_of(image, facets, surface.positions(a), imaging, reach)
     for step in range(_MOST_STEPS):
         frame: Frame = (view.observation(), *marks)
@@ -275,27 +273,14 @@ def reference_shape(
     bent = np.zeros(base.n_vertices)
     for modes, reach in (*_COLD, SHAPE):
         surface = Deformable.of(base, modes)
-        prior, noise = map_frames.first_guess(surface)
         is_cold = len(a) == 1
         a = np.concatenate([a, np.zeros((len(surface) - len(a), 3))])
         if is_cold:
             # Wherever a start is, and however wide it is, rays from the axis met the edge there.
-            variances = prior.variances(surface.wavenumbers)
-            a = map_frames.map_frame(
-                surface, (Observation(points), *marks), a, variances, noise
-            ).amplitudes
-        state = search(
-            surface,
-            facets,
-            image,
-            marks,
-            a,
-            prior,
-            noise,
-            imaging.within(reach),
-            reach,
-            is_known=is_cold,
-        )
+            prior, noise = map_frames.first_guess(surface)
+            variances, frame = prior.variances(surface.wavenumbers), (Observation(points), *marks)
+            a = map_frames.map_frame(surface, frame, a, variances, noise).amplitudes
+        state = search(surface, facets, image, marks, a, imaging, reach, is_known=is_cold)
         a, imaging, found = state.amplitudes, state.imaging, state.view.found
     if found < LEAST_FOUND:
         raise errors.ShapeError(
@@ -400,7 +385,7 @@ def frames_of_images(
     modes: int,
     reference: int,
     is_closed: bool,
-    done: Callable[[], None],
+    done: Callable[[], object],
 ) -> ImageFrames:
     """Find a surface's edges in all frames.
 
@@ -442,21 +427,21 @@ def frames_of_images(
             frame=reference,
             details={"needed": ["apex", "base"]},
         )
-    first = first_sight(image, places["apex"], places["base"], reference)
+    levels, points = first_sight(image, places["apex"], places["base"], reference)
     n_planes = len(image) if isinstance(image, PlaneSet) else 1
     middle = (places["apex"] + places["base"]) / 2.0
-    imaging = Imaging(first.levels, np.zeros(3), middle, np.zeros((n_planes, 3)))
+    imaging = Imaging(levels, np.zeros(3), middle, np.zeros((n_planes, 3)))
     if start is None:
-        rough = first_shape.start_shape(CUP, first.points, places)
+        rough = first_shape.start_shape(CUP, points, places)
     elif isinstance(start, Template):
         rough = mesh_sequence(start.vertices[None], start.faces, topology=start.topology)
     else:
         rough = start
     here = stated[reference]
-    begin = reference_shape(rough, image, here, imaging, reference, first.points)
+    begin = reference_shape(rough, image, here, imaging, reference, points)
     if has_trabeculae(image, begin.shape, begin.imaging, SHAPE[1]):
-        imaging = replace(imaging, has_layers=True)
-        begin = reference_shape(rough, image, here, imaging, reference, first.points)
+        imaging = replace(imaging, layers=FAINT)
+        begin = reference_shape(rough, image, here, imaging, reference, points)
     shape, imaging = begin.shape, begin.imaging
     done()
     template = make_template(shape)
@@ -467,8 +452,16 @@ def frames_of_images(
         tip, base = moving_base.ends_of_cup(template)
         tips = with_end(stated, reference, "apex", tip, _TIP)
         marks = with_end(tips, reference, "base", base + _DESCENT * (tip - base), moving_base.HELD)
-    walked = _walk(surface, facets, images, marks, imaging, reference, is_closed, done)
-    shapes = np.stack([surface.positions(a) for a in walked])
+    shapes = np.repeat(template.vertices[None], images.n_frames, axis=0)
+    for path in map_frames.paths_from(reference, images.n_frames, is_closed=is_closed)[1:]:
+        a = np.zeros((len(surface), 3))
+        for k in path:
+            own = images.frames[k]
+            if own is not None:
+                look = below_base(imaging, marks[k], template)
+                a = _next(surface, facets, own, marks[k], a, look)
+            shapes[k] = surface.positions(a)
+            done()
     if is_cup and marks != tips:
         by_volume, _ = moving_base.base_by_volume(stated, template, reference, shapes)
         marks = with_end(tips, reference, "base", by_volume, moving_base.HELD)
@@ -494,13 +487,20 @@ def frames_of_images(
         is_seen = view is not None and share >= LEAST_FOUND
         held = marked[len(known) :]
         frames.append((view.observation(), *held) if view is not None and is_seen else ())
+    lost = [k for k, view in enumerate(views) if view is not None and not frames[k]]
+    notes = images.notes
+    if lost:
+        first_lost, share = lost[0], begin.found
+        notes += (
+            Note.of("frames_without_edges", n_frames=len(lost), first=first_lost, share=share),
+        )
     return ImageFrames(
         tuple(frames),
         shape,
         facets,
         imaging,
         shares,
-        _notes(shares, images, begin.found),
+        notes,
         stated_sd,
         closed,
         begin.bent,
@@ -512,65 +512,19 @@ def frames_of_images(
     )
 
 
-def _walk(
-    surface: Deformable,
-    facets: Facets,
-    images: ImageSequence,
-    marks: tuple[Frame, ...],
-    imaging: Imaging,
-    reference: int,
-    is_closed: bool,
-    done: Callable[[], None],
-) -> Floats:
-    """Amplitudes of all frames, both ways from the reference."""
-    n = images.n_frames
-    amplitudes = np.zeros((n, len(surface), 3))
-    for path in map_frames.paths_from(reference, n, is_closed=is_closed)[1:]:
-        a = np.zeros((len(surface), 3))
-        for k in path:
-            image = images.frames[k]
-            if image is not None:
-                look = below_base(imaging, marks[k], surface.template)
-                a = _next(surface, facets, image, marks[k], a, look)
-            amplitudes[k] = a
-            done()
-    return amplitudes
-
-
 def _next(
     surface: Deformable, facets: Facets, image: Image, marks: Frame, a: Floats, imaging: Imaging
 ) -> Floats:
+    """Amplitudes of a frame, from those of its neighbour on."""
     for modes, reach in _NEXT:
         coarse = surface if modes >= len(surface) else Deformable.of(surface.template, modes)
-        prior, noise = map_frames.first_guess(coarse)
         m = len(coarse)
         # What finer modes have reached stays where it is.
         rest = surface.positions(np.concatenate([np.zeros((m, 3)), a[m:]]))
         moved = replace(coarse, template=replace(coarse.template, vertices=rest))
-        own = search(
-            moved,
-            facets,
-            image,
-            marks,
-            a[:m],
-            prior,
-            noise,
-            imaging.within(reach),
-            reach,
-            is_known=True,
-        )
+        own = search(moved, facets, image, marks, a[:m], imaging, reach, is_known=True)
         a = np.concatenate([own.amplitudes, a[m:]])
     return a
-
-
-def _notes(shares: Floats, images: ImageSequence, found: float) -> tuple[Note, ...]:
-    notes = list(images.notes)
-    lost = [k for k, s in enumerate(shares) if s < LEAST_FOUND and images.frames[k] is not None]
-    if lost:
-        notes.append(
-            Note.of("frames_without_edges", n_frames=len(lost), first=lost[0], share=found)
-        )
-    return tuple(notes)
 
 
 # Of a voxel, and of the noise of one edge (speckle is alike at neighbours): how far all edges may
@@ -623,9 +577,15 @@ def with_images(
     if not imaging.levels.is_labelled:
         localisation = float(np.hypot(_OF_VOXEL * voxel, _OF_NOISE * track.noise.sd))
     volumes = np.zeros(len(shapes)) if track.volumes is None else track.volumes
+    # Within the surface, of what looks like the outside.
+    muscles = [
+        _share(image, x, found.facets, imaging) * volume
+        for image, x, volume in zip(images.frames, shapes, volumes, strict=True)
+        if image is not None
+    ]
     answer = result.ImageAnswer(
         papillary,
-        papillary_volume(images.frames, shapes, volumes, found.facets, imaging),
+        max(float(np.median(muscles)), 0.0),
         imaging.levels.inside,
         imaging.levels.outside,
         imaging.levels.spread,
@@ -655,31 +615,6 @@ def with_images(
         volume_correlation=correlation,
         images=answer,
     )
-
-
-def papillary_volume(
-    images: Iterable[Image | None],
-    shapes: Floats,
-    volumes: Floats,
-    facets: Facets,
-    imaging: Imaging,
-) -> float:
-    """Volume within the surface that looks like the outside, mm^3: the median of the frames.
-
-    Parameters
-    ----------
-    images : iterable of Volume, PlaneSet or None
-    shapes : (frames, vertices, 3) float64, mm
-    volumes : (frames,) float64, mm^3
-    facets : Facets
-    imaging : Imaging
-    """
-    own = [
-        _share(image, x, facets, imaging) * volume
-        for image, x, volume in zip(images, shapes, volumes, strict=True)
-        if image is not None
-    ]
-    return float(max(np.median(own), 0.0)) if own else 0.0
 
 
 def _side(image: Image) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,8 @@ _BESIDE: Final = 3.0
 # the edge is in the middle between the layer and the outside. One that is told from an edge's
 # blur, and any where trabeculae are known to be; what it is at least, and how many times the noise
 # of one sample it must be below that of blood.
-_DISTINCT: Final = 0.45
-_FAINT: Final = 0.7
+DISTINCT: Final = 0.45
+FAINT: Final = 0.7
 _DARKEST: Final = -0.2
 _NOISES: Final = 1.8
 
@@ -61,28 +61,19 @@ class Levels:
         return abs(self.inside - self.outside) / max(self.spread, 1e-300)
 
     @property
-    def layer(self) -> float:
-        """Likeness next to an edge below which a layer of blood and muscle is there for certain.
-
-        Labels have no noise, and no layer.
-        """
-        return self._above_noise(_DISTINCT)
-
-    @property
-    def faint_layer(self) -> float:
-        """Likeness of thin and bright layers, too, as there are where trabeculae are."""
-        return self._above_noise(_FAINT)
-
-    @property
     def is_labelled(self) -> bool:
         """Whether values are labels, which have no noise and are not means over a slice."""
         return self.contrast > _LABELLED
 
-    def _above_noise(self, layer: float) -> float:
+    def layer(self, likeness: float) -> float:
+        """Likeness next to an edge below which noise alone is no layer: at most the one given.
+
+        Labels have no noise, and no layer.
+        """
         if self.is_labelled:
             return -np.inf
         # Noise of one sample, as likeness.
-        return min(layer, 1.0 - _NOISES * 2.0 / max(self.contrast, 1e-300))
+        return min(likeness, 1.0 - _NOISES * 2.0 / max(self.contrast, 1e-300))
 
     def likeness(self, values: Floats, gain: Floats | float = 1.0) -> Floats:
         """How far values are like the inside (1), the outside (-1), or between; NaN is 0.
@@ -141,7 +132,7 @@ def find_edges(
         What a mm of outside on the way from the inside costs, in mm of inside: small where
         structures within the cavity, as papillary muscles, belong to it.
     layer : float
-        `Levels.layer` or `Levels.faint_layer`.
+        As of `Levels.layer`.
 
     Notes
     -----
@@ -153,8 +144,8 @@ def find_edges(
     n, m = likeness.shape
     a, b = round(INNER / step), round(OUTER / step)
     c = np.clip(likeness, -1.0, 1.0)
-    up_to = _sums(np.where(c > 0, c, crossing * c)) * step
-    whole = _sums(c) * step
+    up_to = sums_of(np.where(c > 0, c, crossing * c)) * step
+    whole = sums_of(c) * step
     j = np.arange(a, m - b)
     d = (j - a) * step - reach - step / 2
     score = up_to[:, j] - (whole[:, j + b] - whole[:, j]) - _NEARER * np.abs(d)
@@ -168,7 +159,7 @@ def find_edges(
     is_found = (k > 0) & (k < len(j) - 1) & (steps > _LEAST_STEP)
     # Area: of a window 2 w around the split a share (1 + mean) / 2 is inside.
     w = np.clip(np.rint((1.5 * extents + 1.0) / step).astype(np.int64), 1, min(a, b))
-    wide = _sums(np.clip(likeness, -1.5, 1.5)) * step
+    wide = sums_of(np.clip(likeness, -1.5, 1.5)) * step
     area = wide[rows, at + w] - wide[rows, at - w]
     # Farther half of the window: nearer to the edge is its blur.
     half = (w + 1) // 2
@@ -186,7 +177,7 @@ def offsets_of(step: float, reach: float) -> Floats:
     return np.asarray(-reach + step * np.arange(-a, n + b), dtype=np.float64)
 
 
-def _sums(values: Floats) -> Floats:
+def sums_of(values: Floats) -> Floats:
     """Sum the first 0, 1, ... samples, (n, samples + 1)."""
     sums = np.zeros((len(values), values.shape[1] + 1))
     np.cumsum(values, axis=1, out=sums[:, 1:])
@@ -292,8 +283,9 @@ class Imaging:
         See `find_edges`.
     valve : ((3,) float64, float), optional
         Axis to the base, and how high along it, mm, edges may be: the wall of an atrium goes on.
-    has_layers : bool
-        Whether layers of trabeculae are next to the edges: see `Levels.faint_layer`.
+    layers : float
+        Likeness of the layers of trabeculae that are next to the edges: `DISTINCT` or `FAINT`; by
+        default there are none.
     """
 
     levels: Levels
@@ -303,7 +295,12 @@ class Imaging:
     shift_sd: float = 2.0
     crossing: float = FAR_CROSSING
     valve: tuple[Floats, float] | None = None
-    has_layers: bool = False
+    layers: float = -np.inf
+
+    @property
+    def has_layers(self) -> bool:
+        """Whether layers of trabeculae are next to the edges."""
+        return self.layers > -np.inf
 
     def within(self, reach: float) -> "Imaging":
         """Return the same for edges up to `reach` mm away."""
@@ -376,23 +373,13 @@ class View:
         """Mean brightness within and beyond each edge that was found, within far from it or not."""
         k = self.edges.is_found
         away = self.offsets[None] - self.edges.offsets[k, None]
-        own, blurred = (
-            self.profiles[k],
-            np.clip(_BLUR * self.extents[k, None] - _BEYOND[0], 0.0, _MOST_BLUR),
-        )
-        within = _DEEP if is_deep else _WITHIN
-        return _mean_in(own, away + blurred, *within), _mean_in(own, away - blurred, *_BEYOND)
+        blurred = np.clip(_BLUR * self.extents[k, None] - _BEYOND[0], 0.0, _MOST_BLUR)
+        sides = (away + blurred, _DEEP if is_deep else _WITHIN), (away - blurred, _BEYOND)
+        inner, outer = (_mean_in(self.profiles[k], at, *window) for at, window in sides)
+        return inner, outer
 
 
-def view_of(
-    image: Image,
-    facets: Facets,
-    x: Floats,
-    imaging: Imaging,
-    reach: float,
-    *,
-    layers: Literal["distinct", "faint"] = "faint",
-) -> View:
+def view_of(image: Image, facets: Facets, x: Floats, imaging: Imaging, reach: float) -> View:
     """Look for edges up to `reach` mm on both sides of a surface, (vertices, 3) mm.
 
     Parameters
@@ -402,8 +389,6 @@ def view_of(
     x : (vertices, 3) float64, mm
     imaging : Imaging
     reach : float, mm
-    layers : {"distinct", "faint"}
-        Which ones are told from blood, where the imaging knows any.
     """
     if imaging.levels.is_labelled:
         reach = max(reach, _LABEL_REACH)
@@ -413,8 +398,7 @@ def view_of(
         view = _in_planes(image, facets, x, imaging.shifts, reach)
     like = imaging.levels.likeness(view.profiles, imaging.gain(view.starts)[:, None])
     step = float(view.offsets[1] - view.offsets[0])
-    layer = imaging.levels.layer if layers == "distinct" else imaging.levels.faint_layer
-    layer = layer if imaging.has_layers else -np.inf
+    layer = imaging.levels.layer(imaging.layers)
     edges = find_edges(like, step, reach, view.extents, imaging.crossing, layer)
     if not imaging.levels.is_labelled:
         edges = edges._replace(offsets=edges.offsets + view.drawn)
@@ -426,6 +410,10 @@ def view_of(
         axis, highest = imaging.valve
         seen &= places @ axis <= highest
     return replace(view, edges=edges._replace(is_found=edges.is_found & seen))
+
+
+# Of profiles whose edges are still to be found.
+_UNSEEN: Final = Edges(*np.zeros((4, 0)))
 
 
 def _through_volume(volume: Volume, facets: Facets, x: Floats, reach: float) -> View:
@@ -444,7 +432,7 @@ def _through_volume(volume: Volume, facets: Facets, x: Floats, reach: float) -> 
         np.zeros(n),
         _sampled(volume, x[v], normals, offsets),
         offsets,
-        _none(n),
+        _UNSEEN,
     )
 
 
@@ -485,14 +473,9 @@ def _in_planes(planes: PlaneSet, facets: Facets, x: Floats, shifts: Floats, reac
             )
         )
     joined = (np.concatenate(each) for each in zip(*parts, strict=True))
-    view = View(*joined, offsets, _none(0))  # type: ignore[call-arg]
-    n = len(view.weights)
-    weights = view.weights * n / max(float(view.weights.sum()), 1e-300)
-    return replace(view, weights=weights, edges=_none(n))
-
-
-def _none(n: int) -> Edges:
-    return Edges(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_), np.ones(n))
+    view = View(*joined, offsets, _UNSEEN)  # type: ignore[call-arg]
+    weights = view.weights * len(view.weights) / max(float(view.weights.sum()), 1e-300)
+    return replace(view, weights=weights)
 
 
 def _step(spacing: Sequence[float]) -> float:
@@ -541,21 +524,14 @@ _NOISE_AT: Final = (9.0, 2.0)
 _PER_MEDIAN: Final = 1.4826
 
 
-class FirstSight(NamedTuple):
-    """Levels, and where rays first met an edge.
-
-    Parameters
-    ----------
-    levels : Levels
-    points : (n, 3) float64, mm
-    """
-
-    levels: Levels
-    points: Floats
-
-
-def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSight:
+def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> tuple[Levels, Floats]:
     """Find the brightness on both sides by rays outward from the axis between two landmarks.
+
+    Returns
+    -------
+    Levels
+    (n, 3) float64, mm
+        Where rays first met an edge.
 
     Raises
     ------
@@ -585,7 +561,7 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
     v, starts, directions = profiles[there], starts[there], directions[there]
     v = np.where(np.isfinite(v), v, np.nanmedian(v, axis=1, keepdims=True))
     a, b = round(_INNER / _STEP), round(_OUTER / _STEP)
-    sums = np.concatenate([np.zeros((len(v), 1)), v.cumsum(axis=1)], axis=1)
+    sums = sums_of(v)
     j = np.arange(a, v.shape[1] - b)
     inner = (sums[:, j + 1] - sums[:, j + 1 - a]) / a
     outer = (sums[:, j + 1 + b] - sums[:, j + 1]) / b
@@ -611,11 +587,13 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> FirstSi
             frame=frame,
             details={"agreed": float(agrees.mean())},
         )
-    levels = _levels(A[agrees], B[agrees], noise)
+    inside, outside = float(np.median(A[agrees])), float(np.median(B[agrees]))
+    spread = _PER_MEDIAN * float(np.median(np.abs(A[agrees] - inside)))
+    levels = Levels(inside, outside, max(spread, noise, 1e-12 * abs(inside - outside)))
     if levels.contrast < _LEAST_CONTRAST:
         raise _no_contrast(frame, levels.contrast)
     places = starts[agrees] + (j[k[agrees]] + 0.5)[:, None] * _STEP * directions[agrees]
-    return FirstSight(levels, places)
+    return levels, places
 
 
 def renewed(imaging: Imaging, view: View) -> Imaging:
@@ -691,33 +669,23 @@ def _rays(
     In planes that the axis goes through they start from there.
     """
     axis, cuts = base - apex, list[tuple[float, Floats, Volume | Plane]]()
-    across = axis / np.linalg.norm(axis)
+    along = axis / np.linalg.norm(axis)
     if isinstance(image, Volume):
-        cuts = [(share, across, image) for share in _HEIGHTS]
+        cuts = [(share, along, image) for share in _HEIGHTS]
     else:
         for plane in image.planes:
             low, high = plane.heights(np.stack([apex, base]))
             share = low / (low - high) if low != high else -1.0
-            if abs(float(plane.normal @ across)) >= 0.7 and 0.1 <= share <= 0.9:
+            if abs(float(plane.normal @ along)) >= 0.7 and 0.1 <= share <= 0.9:
                 cuts.append((share, plane.normal, plane))
     starts = np.repeat([apex + share * axis for share, *_ in cuts] or np.zeros((0, 3)), _N_TURNS, 0)
-    directions = np.concatenate([np.zeros((0, 3)), *(_around(normal) for _, normal, _ in cuts)])
+    angles = 2.0 * np.pi * np.arange(_N_TURNS) / _N_TURNS
+    turns = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    directions = np.concatenate([np.zeros((0, 3)), *(turns @ across(n) for _, n, _ in cuts)])
     points = starts[:, None] + offsets[:, None] * directions[:, None]
     points = points.reshape(len(cuts), _N_TURNS * len(offsets), 3)
     values = [part.sample(own) for (*_, part), own in zip(cuts, points, strict=True)]
     return starts, directions, np.reshape(values, (len(starts), len(offsets)))
-
-
-def _around(axis: Floats) -> Floats:
-    angles = 2.0 * np.pi * np.arange(_N_TURNS) / _N_TURNS
-    around: Floats = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ across(axis)
-    return around
-
-
-def _levels(inner: Floats, outer: Floats, noise: float) -> Levels:
-    inside, outside = float(np.median(inner)), float(np.median(outer))
-    spread = _PER_MEDIAN * float(np.median(np.abs(inner - inside)))
-    return Levels(inside, outside, max(spread, noise, 1e-12 * abs(inside - outside)))
 
 
 def _no_contrast(frame: int, contrast: float) -> errors.ShapeError:

@@ -55,10 +55,13 @@ class Labelled(NamedTuple):
     ----------
     images : ImageSequence
     landmarks : mapping of "apex" and "base" to Proposed
+    left_out : tuple of int
+        Frames without the highest slices, from which no shape can be taken.
     """
 
     images: ImageSequence
     landmarks: dict[str, Proposed]
+    left_out: tuple[int, ...]
 
 
 def from_labels(images: ImageSequence, labels: Sequence[int] = ()) -> Labelled:
@@ -90,10 +93,10 @@ def from_labels(images: ImageSequence, labels: Sequence[int] = ()) -> Labelled:
         labels, decided = (value,), (note,)
     frames = _with_room([_shown(k, frame, labels) for k, frame in enumerate(images.frames)])
     sliced = any(is_sliced(frame) for frame in frames if frame is not None)
-    marks, notes = ends_in_slices(frames) if sliced else (_of_volumes(frames), ())
+    marks, notes, left_out = ends_in_slices(frames) if sliced else (_of_volumes(frames), (), ())
     note = Note.of("ends_proposed")
     own = (*images.notes, *decided, note, *notes)
-    return Labelled(ImageSequence(frames, images.times, images.period, own), marks)
+    return Labelled(ImageSequence(frames, images.times, images.period, own), marks, left_out)
 
 
 def notes_on_landmarks(
@@ -260,11 +263,15 @@ _FEWEST_SLICES: Final = 3
 _TURNS: Final = 3
 
 # Likelihood that the base is 0 to 1 slices above the highest one drawn, 1 to 2, 2 to 3, and that
-# it is up to half of one below.
+# it is up to half of one below; and anywhere up to the highest slice of all frames, where a reader
+# left out several of one frame.
 _ABOVE: Final = ((-0.5, 0.1), (0.0, 1.0), (1.0, 0.3), (2.0, 0.03), (3.0, 0.0))
+_LEFT_OUT: Final = 0.03
 
-# Deviation of the base of a frame from its path: mm, and of the length of the path.
+# Deviation of the base of a frame from its path: mm, and of the length of the path. Percentage
+# points that the volume of sections taken from another frame may be off by, of their share.
 _OFF_PATH: Final = (0.5, 0.1)
+_OF_ADDED: Final = 15.0
 
 # Steps of the grid of levels, mm.
 _GRID: Final = 0.5
@@ -287,21 +294,37 @@ _OPEN: Final = 0.5
 
 
 class _Stack(NamedTuple):
-    """Sections of one frame from apex to base: heights, areas and the line of their middles."""
+    """Sections of one frame from apex to base: heights, areas and middles."""
 
     heights: Floats
     areas: Floats
-    line: Floats
+    middles: Floats
 
-    def place(self, height: float) -> Floats:
-        """Point of the line through the middles, (3,), mm."""
-        place: Floats = self.line[0] + height * self.line[1]
-        return place
+    @property
+    def line(self) -> Floats:
+        """Line through the middles, (2, 3): its place at the height 0, and the way per mm."""
+        w = np.sqrt(self.areas)[:, None]
+        columns = np.column_stack([np.ones(len(self.heights)), self.heights])
+        line: Floats = np.linalg.lstsq(w * columns, w * self.middles, rcond=None)[0]
+        return line
+
+    def below(self, other: "_Stack", step: float) -> "_Stack":
+        """Add what another frame has above the highest section, as wide as this one is beside it.
+
+        That readers left out the highest slices of one frame does not show that it ends there.
+        """
+        above = other.heights > self.heights[-1] + step / 2.0
+        ratio = self.areas[-1] / np.interp(self.heights[-1], other.heights, other.areas)
+        return _Stack(
+            np.append(self.heights, other.heights[above]),
+            np.append(self.areas, ratio * other.areas[above]),
+            np.append(self.middles, other.middles[above], axis=0),
+        )
 
 
 def ends_in_slices(
     frames: Sequence[Volume | None],
-) -> tuple[dict[str, Proposed], tuple[Note, ...]]:
+) -> tuple[dict[str, Proposed], tuple[Note, ...], tuple[int, ...]]:
     """Find apex and base of a cavity in volumes of thick slices.
 
     Parameters
@@ -313,8 +336,10 @@ def ends_in_slices(
     -------
     dict of str to Proposed
         Apex and base, mm.
-    tuple of str
+    tuple of Note
         Notes for the user.
+    tuple of int
+        Frames that lack several of the highest slices.
 
     Raises
     ------
@@ -335,8 +360,7 @@ def ends_in_slices(
     taper = sum(np.log(s.areas[-2:].mean() / s.areas[:2].mean()) for s in stacks.values())
     if taper < 0:
         stacks = {
-            k: _Stack(-s.heights[::-1], s.areas[::-1], s.line * [[1.0], [-1.0]])
-            for k, s in stacks.items()
+            k: _Stack(-s.heights[::-1], s.areas[::-1], s.middles[::-1]) for k, s in stacks.items()
         }
     own = list(stacks.values())
     volumes = np.array([s.areas.sum() for s in own])
@@ -344,25 +368,33 @@ def ends_in_slices(
     tips, of_tips = _tips(own, step)
     tops = np.array([s.heights[-1] for s in own])
     gaps = _gaps(tops, np.concatenate([s.heights for s in own]), step)
+    own = [s.below(own[full], step) for s in own]
+    added = 1.0 - volumes / np.array([s.areas.sum() for s in own])
     levels, of_levels = tops + step / 2.0, np.zeros((0, 0))
     for _ in range(_TURNS):
         volumes = np.array([_volume(*each) for each in zip(own, tips, levels, strict=True)])
-        levels, of_levels = _levels(tops, gaps, step, 100.0 * (1.0 - volumes / volumes.max()))
+        ejected = 100.0 * (1.0 - volumes / volumes.max())
+        levels, of_levels = _levels(tops, gaps, step, ejected, added)
     n = len(frames)
     apices, bases, axes = (np.full((n, 3), np.nan) for _ in range(3))
     at = np.ix_(list(there), list(there))
     covariances = np.full((2, n, n), np.nan)
     covariances[0][at], covariances[1][at] = of_tips, of_levels
     for i, k in enumerate(there):
-        s = own[i]
-        apices[k], bases[k] = s.place(tips[i]), s.place(levels[i])
-        axes[k] = s.line[1] / np.linalg.norm(s.line[1])
+        start, way = own[i].line
+        apices[k], bases[k] = start + tips[i] * way, start + levels[i] * way
+        axes[k] = way / np.linalg.norm(way)
     notes = []
     if own[full].areas[0] > _OPEN * own[full].areas.max():
         notes.append(Note.of("both_ends_open", share=own[full].areas[0] / own[full].areas.max()))
+    lack = levels - tops > (_ABOVE[-1][0] + gaps - 1.0) * step
+    left_out = tuple(np.array(list(there))[lack].tolist())
+    if left_out:
+        notes.append(Note.of("slices_left_out", n_frames=len(left_out), first=left_out[0]))
     sd = max(float(max(frame.spacing)) for frame in there.values())
     places = zip(("apex", "base"), (apices, bases), covariances, strict=True)
-    return {name: Proposed(own, sd, axes, _LEVEL, off) for name, own, off in places}, tuple(notes)
+    marks = {name: Proposed(own, sd, axes, _LEVEL, off) for name, own, off in places}
+    return marks, tuple(notes), left_out
 
 
 def _sections(frame: Volume, normal: Floats) -> tuple[Floats, Floats, Floats]:
@@ -375,8 +407,9 @@ def _sections(frame: Volume, normal: Floats) -> tuple[Floats, Floats, Floats]:
     counts = cavity.sum(axis=tuple(others))
     kept = np.flatnonzero(counts)
     middles = np.array(
-        [A[:, :3] @ np.insert(_middle(cavity.take(k, across)), across, k) + A[:, 3] for k in kept]
+        [np.insert(np.argwhere(cavity.take(k, across)).mean(axis=0), across, k) for k in kept]
     )
+    middles = middles @ A[:, :3].T + A[:, 3]
     heights = middles @ normal
     order = np.argsort(heights)
     return heights[order], counts[kept][order] * pixel, middles[order]
@@ -410,15 +443,7 @@ def _stack(
             remedy="Label more slices, or state apex and base by --landmarks.",
             frame=number,
         )
-    columns = np.column_stack([np.ones(len(heights)), heights])
-    w = np.sqrt(areas)[:, None]
-    line = np.linalg.lstsq(w * columns, w * middles, rcond=None)[0]
-    return _Stack(heights, areas, line)
-
-
-def _middle(section: Bools) -> Floats:
-    middle: Floats = np.argwhere(section).mean(axis=0)
-    return middle
+    return _Stack(heights, areas, middles)
 
 
 def _volume(s: _Stack, tip: float, level: float) -> float:
@@ -430,10 +455,15 @@ def _volume(s: _Stack, tip: float, level: float) -> float:
 def _way_to_tip(s: _Stack, step: float) -> float:
     """How far the tip lies below the lowest slice, mm.
 
-    Sections of a paraboloid are a line over height, and zero at its tip; hearts are blunter.
+    Sections of a paraboloid are a line over height, and zero at its tip; hearts are blunter. Of the
+    lines through two of the three lowest ones it is that with the highest zero: a section that is
+    drawn too wide, wider than the next one even, has it too low.
     """
-    growth = float((s.areas[1] - s.areas[0]) / (s.heights[1] - s.heights[0]))
-    way = _BLUNT * s.areas[0] / growth if growth > 0 else np.inf
+    i, j = np.triu_indices(3, 1)
+    growth = (s.areas[j] - s.areas[i]) / (s.heights[j] - s.heights[i])
+    grows = growth > 0
+    ways = s.heights[0] - s.heights[i][grows] + s.areas[i][grows] / growth[grows]
+    way = _BLUNT * ways.min(initial=np.inf)
     return float(np.clip(way, _BELOW[0] * step, _BELOW[1] * step))
 
 
@@ -458,7 +488,9 @@ def _gaps(tops: Floats, drawn: Floats, step: float) -> Floats:
     return gaps
 
 
-def _levels(tops: Floats, gaps: Floats, step: float, ejected: Floats) -> tuple[Floats, Floats]:
+def _levels(
+    tops: Floats, gaps: Floats, step: float, ejected: Floats, added: Floats
+) -> tuple[Floats, Floats]:
     """Height of the base in each frame, mm, and the covariance, mm^2.
 
     Parameters
@@ -471,6 +503,8 @@ def _levels(tops: Floats, gaps: Floats, step: float, ejected: Floats) -> tuple[F
         From slice to slice.
     ejected : (frames,) float64, percent
         Of the largest volume, what each frame lacks.
+    added : (frames,) float64
+        Share of each frame's sections that is another's.
 
     Notes
     -----
@@ -481,17 +515,19 @@ def _levels(tops: Floats, gaps: Floats, step: float, ejected: Floats) -> tuple[F
     mean, sd = moving_base.DESCENT
     c = mean + sd * np.linspace(-2.5, 2.5, 21)
     H = np.arange(tops.min() - step, tops.max() + mean * ejected.max() + 4.0 * step, _GRID)
-    slices = np.arange(-0.5, 2.0 + gaps.max(), _GRID / step)
+    most = max(gaps.max() + 2.0, (tops.max() - tops.min()) / step + 1.0)
+    slices = np.arange(-0.5, most, _GRID / step)
     h = slices * step
     edges, weights = np.array(_ABOVE).T
-    off = float(np.hypot(_OFF_PATH[0], _OFF_PATH[1] * mean * ejected.max()))
+    off = np.hypot(_OFF_PATH[0], mean * np.hypot(_OFF_PATH[1] * ejected.max(), _OF_ADDED * added))
     log_weight = np.broadcast_to(-((c - mean) ** 2) / (2.0 * sd**2), (len(H), len(c))).copy()
     first, second = [], []
-    for top, gap, own in zip(tops, gaps, ejected, strict=True):
+    for top, gap, own, sd_off in zip(tops, gaps, ejected, off, strict=True):
         above = np.where(slices < 0.0, slices, np.maximum(slices - (gap - 1.0), 0.0))
         of_slice = weights[np.searchsorted(edges, above + 1e-9, side="right") - 1]
+        of_slice = np.maximum(of_slice, _LEFT_OUT * (top + h < tops.max() + step))
         path = H[:, None] - c * own
-        likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * off**2))
+        likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * sd_off**2))
         total = np.maximum(likely.sum(axis=2), 1e-300)
         log_weight += np.log(total)
         first.append((likely @ h) / total)

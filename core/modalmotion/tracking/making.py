@@ -1,6 +1,5 @@
 """Tracking: from observations of a surface to its motion, each with its uncertainty."""
 
-import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple, TypeAlias
@@ -11,7 +10,7 @@ from modalmotion import errors, mesh
 from modalmotion.mesh import checks
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.notes import Note
-from modalmotion.progress import Progress, Reporter
+from modalmotion.progress import Reporter, reported
 from modalmotion.representation import Floats
 from modalmotion.template import Template, make_template
 from modalmotion.tracking import contour_ends, ends_of_data, moving_base, reading
@@ -110,7 +109,7 @@ class _Seen(NamedTuple):
     pinned: int | None
     unseen: tuple[int, ...]
     notes: tuple[Note, ...]
-    done: Callable[[], None]
+    done: Callable[[], object]
 
     @property
     def is_closed(self) -> bool:
@@ -136,7 +135,9 @@ def _observed(
         frames, notes = observed_frames(recorded.frames)
     n = recorded.n_frames
     first = _require_reference(p.reference, n)
-    done = _counted(progress, (4 if images is None else 6) * n)
+    # More steps than foreseen are not reported.
+    steps = reported(range((4 if images is None else 6) * n), progress)
+    next(steps)
     pinned = None if start is None or p.reference is None or images is not None else first
     if images is not None:
         shown = frames_of_images(
@@ -146,7 +147,7 @@ def _observed(
             modes=p.modes,
             reference=first,
             is_closed=is_closed,
-            done=done,
+            done=lambda: next(steps, None),
         )
         start, (frames, notes) = shown.start, observed_frames(shown.frames)
         period = period or images.period
@@ -172,7 +173,7 @@ def _observed(
         pinned,
         unseen,
         notes,
-        done,
+        lambda: next(steps, None),
     )
 
 
@@ -386,15 +387,3 @@ def _require_reference(reference: int | None, n_frames: int) -> int:
             remedy="Name a frame, counted from 0, or None where the start belongs to none.",
         )
     return int(reference)
-
-
-def _counted(progress: Reporter | None, n_steps: int) -> Callable[[], None]:
-    """Step that reports itself; more than foreseen are not reported."""
-    count = itertools.count(1)
-
-    def done() -> None:
-        k = next(count)
-        if progress is not None and k <= n_steps:
-            progress(Progress(k, n_steps))
-
-    return done

@@ -113,7 +113,7 @@ def frames_at_rest(
     prior: Prior,
     noise: Noise,
     paths: Sequence[Sequence[int]],
-    done: Callable[[], None],
+    done: Callable[[], object],
     starts: Floats | None = None,
 ) -> Iteration:
     """Estimate frame after frame along paths that all go on from the first one.
@@ -417,7 +417,7 @@ def map_frames(
     chain: tuple[Floats, Prior],
     noise: Noise,
     pinned: int | None,
-    done: Callable[[], None],
+    done: Callable[[], object],
 ) -> FramesEstimate:
     """Estimate all frames at once, twice, the second time about the first result."""
     (Q, prior), n_frames, m = chain, len(frames), len(surface)

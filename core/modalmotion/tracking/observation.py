@@ -273,11 +273,16 @@ def _rows(points: Any, what: str = "points of an observation") -> Floats:
     return rows
 
 
+def spread_rows(n: int, most: int) -> Ints:
+    """Choose at most so many of n rows, spread evenly, in their order."""
+    return np.sort(np.argsort(np.arange(n) * _GOLDEN % 1.0, kind="stable")[:most])
+
+
 def _thinned(part: Observation) -> Observation:
     n = len(part)
     if n <= _MOST_POINTS or part.is_landmark or part.feet is not None:
         return part
-    rows = np.sort(np.argsort(np.arange(n) * _GOLDEN % 1.0, kind="stable")[:_MOST_POINTS])
+    rows = spread_rows(n, _MOST_POINTS)
     own = {name: getattr(part, name) for name in ("sd", "weights", "normals")}
     kept = {name: value if value is None else value[rows] for name, value in own.items()}
     return Observation(part.points[rows], **kept, border=part.border)

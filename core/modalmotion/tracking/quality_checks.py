@@ -86,19 +86,12 @@ def uncertainty_of(
 
 
 def volume_deviation(
-    gradient: Floats,
-    of_lids: Floats,
-    across: Floats,
-    along: Floats,
-    area: float,
-    truncation: float,
-    n_values: float,
+    gradient: Floats, of_lids: Floats, across: Floats, along: Floats, beyond: float
 ) -> float:
     """State how far a volume may be off, length unit cubed.
 
-    The volume is linear in small changes of the amplitudes. What the modes leave has a mean over
-    the surface of truncation / sqrt(n_values). Rims move along the surface where they move their
-    lids: there residuals show nothing of it, and the whole covariance counts.
+    The volume is linear in small changes of the amplitudes. Rims move along the surface where they
+    move their lids: there residuals show nothing of it, and the whole covariance counts.
 
     Parameters
     ----------
@@ -108,13 +101,12 @@ def volume_deviation(
         Of the part of it that the lids of openings move.
     across, along : (3 modes, 3 modes) float64, length unit squared
         As for `deviations_at`.
-    area : float, length unit squared
-    truncation : float, length unit
-    n_values : float
+    beyond : float, length unit cubed
+        Deviation by what the modes leave.
     """
     g = gradient.reshape(-1, 1)
     lid = of_lids.reshape(-1, 1)
-    variance = float((g * (across @ g)).sum()) + (area * truncation) ** 2 / n_values
+    variance = float((g * (across @ g)).sum()) + beyond**2
     variance += max(float((lid * ((along - across) @ lid)).sum()), 0.0)
     return float(np.sqrt(max(variance, 0.0)))
 
@@ -159,9 +151,10 @@ def stated_deviations(
         if cavity is not None and of_volumes is not None:
             gradient = surface.shapes.T @ geometry.volume_gradient(cavity, x)
             of_lids = surface.shapes.T @ geometry.lid_gradient(cavity, x)
-            area = float(face_areas(x, cavity.faces).sum())
+            # The mean of what the modes leave over the surface is T / sqrt(n_values).
+            beyond = float(face_areas(x, cavity.faces).sum()) * T / n_values**0.5
             of_volumes[k] = volume_deviation(
-                gradient, of_lids, found.across[k], found.lasting[k], area, T, n_values
+                gradient, of_lids, found.across[k], found.lasting[k], beyond
             )
             if shape is not None:
                 # What the wall sweeps along its normals: rims along it are found in every frame.

@@ -13,6 +13,7 @@ from modalmotion.formats.parser_process import ParserProcess
 from modalmotion.formats.result import Parser, Reading
 from modalmotion.images import ImageSequence, volume
 from modalmotion.mesh.sequence import MeshSequence
+from modalmotion.notes import Note
 from modalmotion.progress import Reporter
 from modalmotion.tracking import hdf5, label_maps, label_values, making, observation
 from modalmotion.tracking.landmarks import Proposed, landmarks_of, places_of
@@ -82,7 +83,7 @@ def track(
     elif not isinstance(observed, Recorded):
         images = volume.images_in(observed)
         observed = Recorded(tuple(observed), {}) if images is None else recorded_images(images)  # type: ignore[arg-type]
-    recorded, proposed = _labelled(observed, parameters)
+    recorded, proposed, parameters = _labelled(observed, parameters)
     times: Any = recorded.times if parameters.times is None else parameters.times
     if isinstance(times, float | int):
         times = times * np.arange(recorded.n_frames, dtype=np.float64)
@@ -108,8 +109,8 @@ def track(
 
 def _labelled(
     recorded: Recorded, parameters: TrackParameters
-) -> tuple[Recorded, Mapping[str, Proposed]]:
-    """Turn label maps to images, with the landmarks that they propose."""
+) -> tuple[Recorded, Mapping[str, Proposed], TrackParameters]:
+    """Turn label maps to images, with landmarks that they propose and a reference that has both."""
     images, labels = recorded.images, parameters.labels
     if images is None:
         if labels and not recorded.are_typed:
@@ -117,15 +118,20 @@ def _labelled(
                 "A label is named, but the recording is no label map and has no typed contours.",
                 remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
             )
-        return recorded, {}
+        return recorded, {}, parameters
     values = label_values.whole_labels(labels)
     if not values and (labels or not label_values.is_label_map(images)):
-        return recorded, {}
+        return recorded, {}, parameters
     made = label_maps.from_labels(images, values)
     stated = {**recorded.landmarks, **(parameters.landmarks or {})}
-    outside = label_maps.notes_on_landmarks(images, stated, parameters.reference or 0)
-    notes = (*made.images.notes, *outside)
-    return replace(recorded, images=made.images, notes=notes), made.landmarks
+    first = parameters.reference or 0
+    notes = (*made.images.notes, *label_maps.notes_on_landmarks(images, stated, first))
+    if first in made.left_out and not stated:
+        there = (k for k, frame in enumerate(images.frames) if frame is not None)
+        first = next(k for k in there if k not in made.left_out)
+        parameters = replace(parameters, reference=first)
+        notes += (Note.of("reference_unobserved", frame=first),)
+    return replace(recorded, images=made.images, notes=notes), made.landmarks, parameters
 
 
 def sequence_of(

@@ -19,7 +19,7 @@ from modalmotion.tracking.closest import unit_vectors
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.noise import Noise, Prior
 from modalmotion.tracking.normal_equations import NormalEquations
-from modalmotion.tracking.observation import Frame
+from modalmotion.tracking.observation import Frame, spread_rows
 
 Papillary: TypeAlias = Literal["pool", "wall"]
 """Convention of volumes of images: papillary muscles are cavity, or not."""
@@ -33,9 +33,6 @@ _LEAST_OF_FRAME: Final = 10
 
 STRAY: Final = 0.1
 """Weight below which a point hardly counted."""
-
-# Consecutive multiples of it fall apart evenly.
-_GOLDEN: Final = 0.6180339887498949
 
 
 def _freeze(value: object) -> None:
@@ -97,8 +94,7 @@ def sample_of(frames: Sequence[Frame], informed: Sequence[NormalEquations]) -> S
     most = min(_MOST_OF_FRAME, max(_LEAST_OF_FRAME, _MOST // max(1, len(frames))))
     points, weights, are_landmarks, counts = [np.zeros((0, 3))], [np.zeros(0)], [], []
     for frame, info in zip(frames, informed, strict=True):
-        n = len(info.points)
-        rows = np.sort(np.argsort(np.arange(n) * _GOLDEN % 1.0, kind="stable")[:most])
+        rows = spread_rows(len(info.points), most)
         marks = [part.points for part in frame if part.is_landmark]
         n_marks = sum(map(len, marks))
         points += [info.points[rows], *marks]
@@ -312,8 +308,8 @@ class Track(FrozenArrays, Recorded):
     @property
     def _taken_off(self) -> float:
         """Papillary muscles that count as wall, length unit cubed."""
-        is_wall = self.images is not None and self.images.papillary == "wall"
-        return self.images.papillary_volume if self.images is not None and is_wall else 0.0
+        images = self.images
+        return images.papillary_volume if images and images.papillary == "wall" else 0.0
 
     @property
     def ejection_fractions(self) -> dict[str, float]:

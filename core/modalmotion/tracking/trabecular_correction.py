@@ -19,7 +19,15 @@ from modalmotion.modes.topologies import CUP
 from modalmotion.representation import Bools, Floats, Ints
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_view import Facets, Imaging, View, renewed, view_of
+from modalmotion.tracking.image_view import (
+    DISTINCT,
+    Facets,
+    Imaging,
+    View,
+    renewed,
+    sums_of,
+    view_of,
+)
 
 # mm within an edge that muscle is looked for in, and beyond it that blood is: there an edge may
 # have been drawn inward by muscle.
@@ -64,10 +72,10 @@ def has_trabeculae(image: Image, shape: MeshSequence, imaging: Imaging, reach: f
     if template.surface != CUP:
         return False
     facets = Facets.of(template.faces, template.vertices, template.weights)
-    look = replace(imaging.within(reach), has_layers=True)
-    view = view_of(image, facets, template.vertices, look, reach, layers="distinct")
+    look = replace(imaging.within(reach), layers=DISTINCT)
+    view = view_of(image, facets, template.vertices, look, reach)
     look = renewed(look, view)
-    view = view_of(image, facets, template.vertices, look, reach, layers="distinct")
+    view = view_of(image, facets, template.vertices, look, reach)
     k = view.edges.is_found
     counted = view.weights[k]
     layered = counted[view.edges.inside[k] < 1.0].sum()
@@ -126,9 +134,7 @@ def muscle_within(
 
 def _before_blood(like: Floats, away: Floats, step: float) -> Bools:
     """Find the samples between an edge and the first blood on its inner side."""
-    n = max(1, round(_BLURRED / step))
-    sums = np.zeros((len(like), like.shape[1] + 1))
-    np.cumsum(like, axis=1, out=sums[:, 1:])
+    n, sums = max(1, round(_BLURRED / step)), sums_of(like)
     means = np.full(like.shape, -np.inf)
     means[:, n - 1 :] = (sums[:, n:] - sums[:, :-n]) / n
     is_blood = (means > _BLOOD) & (away <= -_BLURRED)

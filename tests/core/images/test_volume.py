@@ -10,7 +10,7 @@ from ellipsoid_images import planes, volume
 
 from modalmotion.errors import InputError, ParameterError, ShapeError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
-from modalmotion.images.volume import images_in, interpolated, slices_of
+from modalmotion.images.volume import among_missing, images_in, slices_of
 
 SHEARED = np.array([[1.5, 0.4, 0.0, 3.0], [0.0, -2.0, 0.1, -7.0], [0.2, 0.0, 3.0, 11.0]])
 
@@ -146,7 +146,7 @@ def test_missing_samples_count_by_what_is_there() -> None:
     points = np.random.default_rng(1).uniform(-1, 6, (400, 3))
     whole = Volume(values, np.eye(4)).sample(points)
     # Both ways to interpolate say the same where nothing is missing.
-    assert interpolated(values, points, are_missing=True) == pytest.approx(whole, nan_ok=True)
+    assert among_missing(values, points) == pytest.approx(whole, nan_ok=True)
     holes = np.where(np.random.default_rng(2).random(values.shape) < 0.2, np.nan, values)
     corners = np.stack([np.floor(points) + c for c in np.ndindex(2, 2, 2)], axis=1)
     found = Volume(holes, np.eye(4)).sample(points)

@@ -57,7 +57,7 @@ def test_what_nothing_shows_of_a_rim_counts_in_full() -> None:
     across = np.eye(12)
 
     def stated(along: float) -> float:
-        return volume_deviation(g, lid, across, along * across, 10.0, 0.5, 25.0)
+        return volume_deviation(g, lid, across, along * across, 10.0 * 0.5 / 5.0)
 
     alike = (g**2).sum() + (10.0 * 0.5) ** 2 / 25.0
     assert stated(1.0) == pytest.approx(alike**0.5)

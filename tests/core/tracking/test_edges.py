@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modalmotion.tracking.image_view import Edges, Levels, find_edges, offsets_of
+from modalmotion.tracking.image_view import DISTINCT, FAINT, Edges, Levels, find_edges, offsets_of
 
 STEP, REACH = 0.5, 8.0
 OFFSETS = offsets_of(STEP, REACH)
@@ -65,10 +65,10 @@ def test_an_edge_beside_a_layer_lies_between_the_layer_and_the_outside() -> None
 
 
 def test_neither_noise_nor_labels_have_layers() -> None:
-    assert (LEVELS.layer, LEVELS.faint_layer) == pytest.approx((0.45, 0.7))
+    assert (LEVELS.layer(DISTINCT), LEVELS.layer(FAINT)) == pytest.approx((0.45, 0.7))
     noisy, labels = Levels(100.0, 40.0, 30.0), Levels(100.0, 0.0, 1e-10)
-    assert noisy.layer == noisy.faint_layer < 0.0
-    assert labels.layer == labels.faint_layer == -np.inf
+    assert noisy.layer(DISTINCT) == noisy.layer(FAINT) < 0.0
+    assert labels.layer(DISTINCT) == labels.layer(FAINT) == -np.inf
 
 
 def test_either_sign_of_contrast_and_any_gain_are_alike() -> None:

@@ -10,7 +10,7 @@ import scipy
 from ellipsoid_images import MIDDLE, RADIUS, Look, planes, spheroid, uneven, volume
 
 from modalmotion.images import PlaneSet, Volume
-from modalmotion.tracking.image_view import Facets, Imaging, Levels, View, renewed, view_of
+from modalmotion.tracking.image_view import FAINT, Facets, Imaging, Levels, View, renewed, view_of
 
 LOOK = Look(noise=4.0)
 TEMPLATE = spheroid()
@@ -48,7 +48,7 @@ def test_blood_is_looked_for_beyond_a_dark_layer() -> None:
     profiles = view.profiles.copy()
     profiles[k] = np.where((away > -5.0) & (away < 0.0), 70.0, profiles[k])
     dark = View(**{**vars(view), "profiles": profiles})
-    layered = replace(IMAGING, has_layers=True)
+    layered = replace(IMAGING, layers=FAINT)
     assert renewed(layered, dark).levels.inside == pytest.approx(100.0, abs=2.0)
     assert renewed(IMAGING, dark).levels.inside < 90.0
 

@@ -12,6 +12,7 @@ from modalmotion.errors import ShapeError
 from modalmotion.images import Volume
 from modalmotion.notes import Note
 from modalmotion.representation import Floats
+from modalmotion.tracking import track
 from modalmotion.tracking.label_maps import ends_in_slices
 
 STEP, PIXEL = 8.0, 1.5
@@ -51,15 +52,17 @@ class Ends(NamedTuple):
     apex_covariance: Floats
     base_covariance: Floats
     notes: tuple[Note, ...]
+    left_out: tuple[int, ...]
 
 
 def found(*volumes: Volume | None) -> Ends:
-    marks, notes = ends_in_slices(volumes)
+    marks, notes, left_out = ends_in_slices(volumes)
     apex, base = marks["apex"], marks["base"]
     assert apex.normals is not None
     assert apex.covariance is not None
     assert base.covariance is not None
-    return Ends(apex.places, base.places, apex.normals, apex.covariance, base.covariance, notes)
+    off = apex.covariance, base.covariance
+    return Ends(apex.places, base.places, apex.normals, *off, notes, left_out)
 
 
 def test_levels_lie_within_their_deviations_wherever_slices_begin() -> None:
@@ -165,3 +168,41 @@ def test_a_slice_that_no_frame_has_does_not_lower_the_base(first: float) -> None
     below = emptied(full, top - 1, top)
     bases = found(emptied(full, top - 1), below, below, below).bases[:, 2]
     assert bases[1:] == pytest.approx(bases[0], abs=0.25 * STEP)
+
+
+@pytest.mark.parametrize("n_slices", [3, 6])
+def test_slices_that_one_frame_lacks_say_nothing_of_its_base(n_slices: int) -> None:
+    others = [stack(first=-52.0 - shift) for shift in (0.0, 1.0, 2.0)]
+    whole, torn = found(*others, stack()), found(*others, stack(drop=n_slices))
+    assert torn.bases[:3, 2] == pytest.approx(whole.bases[:3, 2], abs=0.15 * STEP)
+    off = abs(torn.bases[3] - whole.bases[3])
+    assert off[2] < 2.0 * torn.base_covariance[3, 3] ** 0.5 < STEP
+    assert np.hypot(*off[:2]) < PIXEL
+    assert (torn.left_out, whole.left_out) == ((3,), ())
+    assert [note.code for note in torn.notes] == ["slices_left_out"]
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1, 1.6])
+def test_a_lowest_section_that_is_too_wide_leaves_the_tip_near(share: float) -> None:
+    whole = stack(first=-54.0)
+    lowest = int(np.flatnonzero(whole.values.any(axis=(0, 1)))[0])
+    values = whole.values.copy()
+    # Of the area of the next one.
+    n = values.shape[0]
+    x, y = PIXEL * (np.indices((n, n)) - (n - 1) / 2)
+    area = share * PIXEL**2 * np.count_nonzero(values[:, :, lowest + 1])
+    values[:, :, lowest] = np.where(x**2 + y**2 < area / np.pi, 3, 0)
+    drawn = Volume(values, whole.affine)
+    off = found(drawn).apices[0] - found(whole).apices[0]
+    assert abs(off[2]) < 0.5 * STEP
+
+
+def test_a_shape_is_taken_from_a_frame_that_has_its_slices() -> None:
+    result = track([stack(drop=5), stack(), stack(22.0, 20.0)], labels=(3,), modes=7)
+    assert result.provenance["reference"] == 1
+    codes = [note.code for note in result.notes]
+    assert {"slices_left_out", "reference_unobserved"} <= {*codes}
+    assert result.volumes is not None
+    assert result.volume_deviations is not None
+    off = abs(float(result.volumes[0] - result.volumes[1]))
+    assert off < 2.0 * float(result.volume_deviations[0])

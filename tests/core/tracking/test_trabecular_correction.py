@@ -27,7 +27,7 @@ from modalmotion.modes.lattice import Lattice
 from modalmotion.modes.topologies import CYLINDER
 from modalmotion.tracking import image_frames, track
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_view import Facets, Imaging, Levels, View, view_of
+from modalmotion.tracking.image_view import DISTINCT, FAINT, Facets, Imaging, Levels, View, view_of
 from modalmotion.tracking.trabecular_correction import (
     has_trabeculae,
     muscle_within,
@@ -42,7 +42,7 @@ MIDDLING = 8.0
 AFFINE = np.column_stack([2.0 * np.eye(3), MIDDLE - (np.array(SHAPE) - 1.0)])
 LOOK = Look(noise=1.0)
 LEVELS = Levels(LOOK.blood, LOOK.wall, 1.0)
-IMAGING = Imaging(LEVELS, np.zeros(3), MIDDLE, np.zeros((1, 3)), has_layers=True).within(4.0)
+IMAGING = Imaging(LEVELS, np.zeros(3), MIDDLE, np.zeros((1, 3)), layers=FAINT).within(4.0)
 
 
 def trabeculated(depth: float, share: float, radius: float = RADIUS) -> Volume:
@@ -104,7 +104,7 @@ def test_a_layer_is_part_of_the_wall_where_none_is_looked_for() -> None:
     facets = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
     image = trabeculated(4.0, 0.5)
     with_layers = view_of(image, facets, TEMPLATE.vertices, IMAGING, 4.0).edges
-    without = replace(IMAGING, has_layers=False)
+    without = replace(IMAGING, layers=-np.inf)
     edges = view_of(image, facets, TEMPLATE.vertices, without, 4.0).edges
     assert (edges.inside == 1.0).all()
     is_layer = with_layers.inside < 1.0
@@ -116,7 +116,8 @@ def test_faint_layers_are_seen_where_trabeculae_are_known_to_be() -> None:
     facets = Facets.of(TEMPLATE.faces, TEMPLATE.vertices, TEMPLATE.weights)
     # A quarter of muscle: a likeness of 0.5.
     image = trabeculated(4.0, 0.25)
-    distinct = view_of(image, facets, TEMPLATE.vertices, IMAGING, 4.0, layers="distinct").edges
+    clear = replace(IMAGING, layers=DISTINCT)
+    distinct = view_of(image, facets, TEMPLATE.vertices, clear, 4.0).edges
     faint = view_of(image, facets, TEMPLATE.vertices, IMAGING, 4.0).edges
     assert (distinct.inside < 1.0).mean() < 0.15
     assert (faint.inside < 1.0).mean() > 0.3
@@ -166,7 +167,7 @@ def test_the_reference_stays_and_missing_frames_are_left_out() -> None:
 
 def test_only_layers_all_round_are_trabeculae() -> None:
     shape = mesh_sequence(TEMPLATE.vertices[None], TEMPLATE.faces, grid=(20, 40), topology="cup")
-    imaging = replace(IMAGING, has_layers=False)
+    imaging = replace(IMAGING, layers=-np.inf)
     assert has_trabeculae(trabeculated(4.0, 0.5), shape, imaging, 4.0)
     assert not has_trabeculae(trabeculated(0.0, 0.0), shape, imaging, 4.0)
     # Blood of many brightnesses is no noise.

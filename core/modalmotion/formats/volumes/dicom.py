@@ -136,6 +136,7 @@ _TAGS: Final = (
 )
 
 
+@damaged("The DICOM file is damaged.", _REMEDY, "pydicom")
 def parse_dicom(data: bytes, limits: ReadLimits) -> Parsed:
     """Read one DICOM file: its samples (n, i, j), and where and when each slice was taken.
 
@@ -147,12 +148,8 @@ def parse_dicom(data: bytes, limits: ReadLimits) -> Parsed:
         If it is no slice in space.
     """
     with needs_extra("images"):
-        import pydicom  # noqa: F401
-    with damaged("The DICOM file is damaged.", _REMEDY, "pydicom"):
-        return _of(read_dicom(data, _TAGS), limits)
-
-
-def _of(dataset: Any, limits: ReadLimits) -> Parsed:
+        from pydicom.pixels import pixel_array
+    dataset = read_dicom(data, _TAGS)
     n = int(dataset.get("NumberOfFrames") or 1)
     frames = dataset.get("PerFrameFunctionalGroupsSequence") or [{}]
     if n > 1 and len(frames) != n:
@@ -171,8 +168,6 @@ def _of(dataset: Any, limits: ReadLimits) -> Parsed:
         raise MalformedFileError("The pixels of the DICOM file are colours.", remedy=_REMEDY)
     if dataset.file_meta.TransferSyntaxUID.is_compressed:
         require_decodable(dataset, n, rows, columns)
-    from pydicom.pixels import pixel_array
-
     # Pixels run along the row first: index i goes down the rows, j along a row.
     pixels = np.asarray(pixel_array(dataset, view_only=True)).reshape(n, rows, columns)
     if shade == "MONOCHROME1":
@@ -281,6 +276,7 @@ _MOMENTS: Final = ("PatientBirthDate", "StudyDate", "StudyTime")
 _SEXES: Final = ("", "F", "M", "O")
 
 
+@damaged("These bytes are no DICOM instance, or a damaged one.", _SEND_AGAIN, "pydicom")
 def parse_study(data: bytes, _: ReadLimits) -> Parsed:
     """Read whose an instance is, and of which study: text by DICOM's keywords.
 
@@ -292,11 +288,7 @@ def parse_study(data: bytes, _: ReadLimits) -> Parsed:
     with needs_extra("dicom"):
         import pydicom  # noqa: F401
     names = (*_NEEDED, *_KEPT, *_MOMENTS, "SpecificCharacterSet")
-    with damaged("These bytes are no DICOM instance, or a damaged one.", _SEND_AGAIN, "pydicom"):
-        return {"header": _study_header(read_dicom(data, names, has_pixels=False))}, {}
-
-
-def _study_header(dataset: Any) -> dict[str, str]:
+    dataset = read_dicom(data, names, has_pixels=False)
     header = {name: str(dataset.get(name) or "") for name in (*_NEEDED, *_KEPT)}
     missing = [name for name in _NEEDED if not header[name]]
     if missing:
@@ -312,7 +304,7 @@ def _study_header(dataset: Any) -> dict[str, str]:
     for name in _MOMENTS:
         value = str(dataset.get(name) or "")
         header[name] = value if _is_valid(name, value) else ""
-    return header
+    return {"header": header}, {}
 
 
 def _is_valid(name: str, value: str) -> bool:

@@ -29,6 +29,7 @@ _NIFTI_HEAD: Final = 540
 _NIFTI_REMEDY: Final = "Write it again as one .nii or .nii.gz of a volume, or of volumes over time."
 
 
+@stack.damaged("The NIfTI file is damaged.", _NIFTI_REMEDY, "nibabel", "nibabel.global")
 def parse_nifti(data: bytes, limits: ReadLimits) -> result.Parsed:
     """Read a .nii or .nii.gz from bytes.
 
@@ -41,12 +42,8 @@ def parse_nifti(data: bytes, limits: ReadLimits) -> result.Parsed:
         import nibabel
     is_packed = data[:2] == b"\x1f\x8b"
     head = unpacked_head(data, "gzip", _NIFTI_HEAD) if is_packed else data[:_NIFTI_HEAD]
-    kind = nibabel.Nifti2Header if head[4:7] == b"n+2" else nibabel.Nifti1Header
-    with stack.damaged("The NIfTI file is damaged.", _NIFTI_REMEDY, "nibabel", "nibabel.global"):
-        return _nifti_of(kind(head[: kind.template_dtype.itemsize]), data, limits, is_packed)
-
-
-def _nifti_of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> result.Parsed:
+    form = nibabel.Nifti2Header if head[4:7] == b"n+2" else nibabel.Nifti1Header
+    header: Any = form(head[: form.template_dtype.itemsize])
     kind, shape = header.get_data_dtype(), header.get_data_shape()
     if kind.names or kind.kind not in "iuf":
         raise MalformedFileError("The voxels are colours or complex numbers.", remedy=_NIFTI_REMEDY)
@@ -55,9 +52,8 @@ def _nifti_of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> 
         raise MalformedFileError(
             f"The NIfTI file has {len(shape)} axes: more than space and time.", remedy=_NIFTI_REMEDY
         )
-    n_frames, offset = int(full[3]), int(header.get_data_offset())
-    limits.require(frames=n_frames)
-    slope, intercept = header.get_slope_inter()
+    limits.require(frames=int(full[3]))
+    offset, (slope, intercept) = int(header.get_data_offset()), header.get_slope_inter()
     values = stack.samples(
         *(data, kind, full[:4], limits),
         start=0 if is_packed else offset,
@@ -65,16 +61,16 @@ def _nifti_of(header: Any, data: bytes, limits: ReadLimits, is_packed: bool) -> 
         head=offset,
         scale=(1.0, 0.0) if slope is None else (float(slope), float(intercept)),
     )
-    length, duration = header.get_xyzt_units()
+    length, unit = header.get_xyzt_units()
     to_lps = stack.RAS_TO_LPS * _NIFTI_MM.get(length, 1.0)
     affine = to_lps @ np.asarray(header.get_best_affine(), dtype=np.float64)[:3]
     notes: list[Note] = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):
         notes.append(Note.of("nifti_position_unknown"))
-    zooms = header.get_zooms()
-    interval = float(zooms[3]) if len(zooms) > 3 else 0.0
-    times = stack.timed(stack.regular(interval, n_frames), duration, "NIfTI", notes)
-    return stack.parsed(np.moveaxis(values, 3, 0), affine, times, notes)
+    interval = float((*header.get_zooms(), 0.0)[3])
+    return stack.parsed(
+        values, 3, affine, limits, times=interval, unit=unit, form="NIfTI", notes=notes
+    )
 
 
 def write_nifti(images: ImageSequence) -> bytes:
@@ -155,12 +151,13 @@ _BYTES: Final = {
 }
 _ORDERS: Final = {"little": "<", "big": ">"}
 
-_nrrd: Final = partial(
-    MalformedFileError,
-    remedy="Write it as one .nrrd with its data inside, of a volume or a Slicer sequence.",
+_NRRD_REMEDY: Final = (
+    "Write it as one .nrrd with its data inside, of a volume or a Slicer sequence."
 )
+_nrrd: Final = partial(MalformedFileError, remedy=_NRRD_REMEDY)
 
 
+@stack.damaged("The NRRD file is damaged.", _NRRD_REMEDY, "nrrd")
 def parse_nrrd(data: bytes, limits: ReadLimits) -> result.Parsed:
     """Read a .nrrd or .seq.nrrd from bytes.
 
@@ -171,17 +168,16 @@ def parse_nrrd(data: bytes, limits: ReadLimits) -> result.Parsed:
     """
     with needs_extra("images"):
         import nrrd
-    with stack.damaged("The NRRD file is damaged.", str(_nrrd.keywords["remedy"]), "nrrd"):
-        stream, lines = io.BytesIO(data), []
-        for line in stream:
-            if not line.strip():
-                break
-            # Names of fields are in any case.
-            field, colon, value = line.partition(b":")
-            is_field = colon and not value.startswith(b"=")
-            lines.append(field.lower() + colon + value if is_field else line)
-        header = nrrd.read_header(lines)
-        return _nrrd_of(header, _nrrd_samples(header, data, stream.tell(), limits), limits)
+    stream, lines = io.BytesIO(data), []
+    for line in stream:
+        if not line.strip():
+            break
+        # Names of fields are in any case.
+        field, colon, value = line.partition(b":")
+        is_field = colon and not value.startswith(b"=")
+        lines.append(field.lower() + colon + value if is_field else line)
+    header = nrrd.read_header(lines)
+    return _nrrd_of(header, _nrrd_samples(header, data, stream.tell(), limits), limits)
 
 
 def _nrrd_samples(header: Any, data: bytes, start: int, limits: ReadLimits) -> Array:
@@ -254,13 +250,14 @@ def _nrrd_of(header: Any, values: Array, limits: ReadLimits) -> result.Parsed:
     origin = np.asarray(header.get("space origin", np.zeros(3)), dtype=np.float64)[:3]
     scales = signs * _scales(units, notes)
     affine = scales[:, None] * np.column_stack([steps, origin])
-    frames = np.moveaxis(values, other[0], 0) if other else values[None]
-    limits.require(frames=len(frames))
-    if interval is None:
-        times, unit = _times(header, other, spacings, len(frames))
-    else:
-        times = stack.regular(interval, len(frames))
-    return stack.parsed(frames, affine, stack.timed(times, unit, "NRRD", notes), notes)
+    n = values.shape[other[0]] if other else 1
+    times: list[float] | float | None = interval
+    if times is None:
+        times, unit = _times(header, other, spacings, n)
+    axis = other[0] if other else None
+    return stack.parsed(
+        values, axis, affine, limits, times=times, unit=unit, form="NRRD", notes=notes
+    )
 
 
 def _scales(units: Any, notes: list[Note]) -> Floats:
@@ -274,15 +271,15 @@ def _scales(units: Any, notes: list[Note]) -> Floats:
 
 def _times(
     header: Any, other: list[int], spacings: Floats, n: int
-) -> tuple[list[float] | None, str | None]:
-    """Read times as Slicer lists them, or by the spacing of the axis, and their unit."""
+) -> tuple[list[float] | float, str | None]:
+    """Read times as Slicer lists them, or the spacing of the axis, and their unit."""
     unit = header.get("axis 0 index unit", header.get("axis 0 unit"))
     listed = str(header.get("axis 0 index values", "")).split()
     if len(listed) == n > 1:
         return [float(word) for word in listed], unit
     if unit is None and other and "units" in header:
         unit = header["units"][other[0]]
-    return stack.regular(float(spacings[other[0]]) if other else 0.0, n), unit
+    return float(spacings[other[0]]) if other else 0.0, unit
 
 
 _METAIMAGE_TYPES: Final = {
@@ -291,12 +288,11 @@ _METAIMAGE_TYPES: Final = {
     for sign in "iu"
 } | {"MET_FLOAT": "f4", "MET_DOUBLE": "f8"}
 _LONGEST_HEADER: Final = 20_000
-_metaimage: Final = partial(
-    MalformedFileError,
-    remedy="Write it as one .mha with its data inside (ElementDataFile = LOCAL).",
-)
+_METAIMAGE_REMEDY: Final = "Write it as one .mha with its data inside (ElementDataFile = LOCAL)."
+_metaimage: Final = partial(MalformedFileError, remedy=_METAIMAGE_REMEDY)
 
 
+@stack.damaged("The MetaImage file is damaged.", _METAIMAGE_REMEDY)
 def parse_metaimage(data: bytes, limits: ReadLimits) -> result.Parsed:
     """Read a .mha of three axes, or four with time the last.
 
@@ -305,11 +301,6 @@ def parse_metaimage(data: bytes, limits: ReadLimits) -> result.Parsed:
     MalformedFileError
         If it is no such image.
     """
-    with stack.damaged("The MetaImage file is damaged.", str(_metaimage.keywords["remedy"])):
-        return _parse(data, limits)
-
-
-def _parse(data: bytes, limits: ReadLimits) -> result.Parsed:
     keys, start = _metaimage_header(data)
     if keys.get("ElementDataFile") != "LOCAL":
         raise _metaimage("The samples are in another file.")
@@ -345,14 +336,14 @@ def _parse(data: bytes, limits: ReadLimits) -> result.Parsed:
     # Row k of the matrix is the direction of axis k.
     axes = np.array(turn).reshape(n, n).T[:3, :3] * np.array(spacing[:3])
     affine = np.column_stack([axes, origin[:3]])
-    frames = np.moveaxis(values, 3, 0) if n == 4 else values[None]
-    limits.require(frames=len(frames))
     # The format has no field for a unit of time.
-    notes: list[Note] = []
-    times = stack.timed(
-        stack.regular(spacing[3] if n == 4 else 0.0, len(frames)), None, "MetaImage", notes
+    return stack.parsed(
+        *(values, 3 if n == 4 else None, affine, limits),
+        times=spacing[3] if n == 4 else 0.0,
+        unit=None,
+        form="MetaImage",
+        notes=[],
     )
-    return stack.parsed(frames, affine, times, notes)
 
 
 def _metaimage_header(data: bytes) -> tuple[dict[str, str], int]:

@@ -64,25 +64,46 @@ RAS_TO_LPS: Final = np.diag([-1.0, -1.0, 1.0])
 
 def parsed(
     values: Array,
+    time_axis: int | None,
     affine: Floats,
-    times: Sequence[float] | None,
-    notes: Sequence[Note] = (),
+    limits: ReadLimits,
+    *,
+    times: Sequence[float] | float,
+    unit: str | None,
+    form: str,
+    notes: list[Note],
 ) -> Parsed:
     """Put together the answer of a parser.
 
     Parameters
     ----------
-    values : (frames, i, j, k) array
+    values : array of (i, j, k) and maybe time
+    time_axis : int or None
+        None of one frame.
     affine : (3, 4) float64, mm
         To LPS.
-    times : sequence of float, s, or None
-    notes : sequence of Note
+    limits : ReadLimits
+    times : sequence of float, or float
+        Of the frames, or from one to the next.
+    unit : str or None
+        Of times; without a known one they are not read, and noted.
+    form : str
+        Name of the format.
+    notes : list of Note
     """
-    info = {
-        "times": None if times is None else list(map(float, times)),
-        "notes": notes_as_json(notes),
-    }
-    return info, {"values": values, "affine": np.asarray(affine, dtype=np.float64)[:3]}
+    frames = values[None] if time_axis is None else np.moveaxis(values, time_axis, 0)
+    n = len(frames)
+    limits.require(frames=n)
+    if isinstance(times, float | int):
+        is_regular = n > 1 and np.isfinite(times) and times > 0
+        times = [k * times for k in range(n)] if is_regular else []
+    match = _UNIT_OF_TIME.fullmatch(str(unit).strip().lower())
+    scale = None if match is None else _SHARES.get(match[1], 1.0)
+    if len(times) and scale is None:
+        notes.append(Note.of("interval_ignored", format=form, interval=times[1] - times[0]))
+    seconds = None if scale is None or not len(times) else [scale * float(time) for time in times]
+    info = {"times": seconds, "notes": notes_as_json(notes)}
+    return info, {"values": frames, "affine": np.asarray(affine, dtype=np.float64)[:3]}
 
 
 def declared_bytes(
@@ -171,24 +192,6 @@ def scaled(values: Array, slope: float, intercept: float) -> Array:
     plain: Singles = np.multiply(values, np.float32(slope), dtype=np.float32)
     plain += np.float32(intercept)
     return plain
-
-
-def regular(interval: float, n: int) -> list[float] | None:
-    """List times of so many frames, s; None if the interval says nothing."""
-    if n < 2 or not (np.isfinite(interval) and interval > 0):
-        return None
-    return [k * interval for k in range(n)]
-
-
-def timed(
-    times: list[float] | None, unit: str | None, form: str, notes: list[Note]
-) -> list[float] | None:
-    """Turn times in a stated unit into seconds; without one they are not read, and noted."""
-    match = _UNIT_OF_TIME.fullmatch(str(unit).strip().lower())
-    scale = None if match is None else _SHARES.get(match[1], 1.0)
-    if times is not None and scale is None:
-        notes.append(Note.of("interval_ignored", format=form, interval=times[1] - times[0]))
-    return None if times is None or scale is None else [scale * time for time in times]
 
 
 # Slices of one plane agree to this, mm and as directions.
