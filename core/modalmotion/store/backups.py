@@ -271,16 +271,15 @@ def _parted(
     root: Path, copy: Path, names: Iterable[PurePath]
 ) -> tuple[list[PurePath], list[PurePath], list[PurePath]]:
     """Part files that the copy alone has: deleted, done with, and lost; others, as tables, stay."""
-    parts: tuple[list[PurePath], ...] = ([], [], [])
+    deleted, done, lost = list[PurePath](), list[PurePath](), list[PurePath]()
     for name in names:
         top = name.parts[2 * (name.parts[0] == "owners" and len(name.parts) > 2)]
         if was_deleted(root, name, (copy / name).stat().st_mtime):
-            parts[0].append(name)
+            deleted.append(name)
         elif top in ("spool", "cluster", TOMBSTONES):
-            parts[1].append(name)
+            done.append(name)
         elif top in FOLDERS or name.suffix == ".sqlite":
-            parts[2].append(name)
-    deleted, done, lost = parts
+            lost.append(name)
     return deleted, done, lost
 
 

@@ -64,21 +64,14 @@ class Opening:
             raise errors.StoreError("The store is open already.", remedy="Open it once.")
         if not self.root.is_dir():
             make_folder(self.root)
-        lock = FolderLock(self._folder.lock)
-        try:
-            database = Database(self._folder.index)
-            try:
-                index = Index(database)
-                if not index.is_clean:
-                    recovery.reconcile(self._folder, index, thorough=False)
-                deletion.forget_tombstones(self.root)
-                index.set_clean(False)
-            except BaseException:
-                database.close()
-                raise
-        except BaseException:
-            lock.release()
-            raise
+        with contextlib.ExitStack() as undo:
+            lock = undo.enter_context(FolderLock(self._folder.lock))
+            index = Index(undo.enter_context(contextlib.closing(Database(self._folder.index))))
+            if not index.is_clean:
+                recovery.reconcile(self._folder, index, thorough=False)
+            deletion.forget_tombstones(self.root)
+            index.set_clean(False)
+            undo.pop_all()
         self._is_clean = True
         self._lock, self._index = lock, index
         return self
