@@ -32,7 +32,7 @@ class Progress:
     @property
     def share(self) -> float:
         """Share that is done, 0 to 1."""
-        return self.done / max(self.total, 1.0)
+        return min(self.done / max(self.total, 1.0), 1.0)
 
 
 Reporter = Callable[[Progress], None]

@@ -3,7 +3,6 @@
 import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -176,11 +175,6 @@ class Settings(BaseSettings):
             faces=self.max_faces,
             decompressed_bytes=self.max_decompressed_bytes,
         )
-
-    @property
-    def image_limits(self) -> formats.ReadLimits:
-        """The same of images."""
-        return replace(self.read_limits, decompressed_bytes=self.max_image_bytes)
 
     @property
     def limits(self) -> dict[str, float]:

@@ -17,6 +17,8 @@ def test_a_part_is_told_as_its_share_of_the_whole() -> None:
     assert told == [Progress(share, stage="fit") for share in (0.5, 0.625, 0.75)]
     part_of(told.append, 0.0, 1.0)(Progress(0, 0, "no items"))
     assert told[-1] == Progress(0.0, stage="no items")
+    # There may be more items than were expected: no more than all is done.
+    assert Progress(5, 4).share == 1.0
 
 
 def test_items_are_reported_once_they_are_done() -> None:

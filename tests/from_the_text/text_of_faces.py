@@ -23,7 +23,7 @@ def walk(data: bytes, M: int, N: int) -> list[list[int]]:
 
 
 def walk_triangles(mixer: Mixer, M: int) -> tuple[list[list[int]], int]:
-    used, pivots, n_met = list[int](), deque[int](), 0
+    pivots, n_met = deque[int](), 0
     ahead: dict[int, list[int]] = defaultdict(list)
     behind: dict[int, list[int]] = defaultdict(list)
     around: dict[int, int] = defaultdict(int)
@@ -72,13 +72,10 @@ def walk_triangles(mixer: Mixer, M: int) -> tuple[list[list[int]], int]:
             drop()
             codes = (*codes[1:], 64)
             continue
-        v = used[-1 - mixer.number("older", corner)] if kind == 3 else named[kind]
+        v = n_met - 1 - mixer.number("older", corner) if kind == 3 else named[kind]
         if kind == 0:
             n_met += 1
             pivots.append(v)
-        else:
-            used.remove(v)
-        used.append(v)
         face.append(v)
         at_corner[corner] = kind
         kinds = 4 * kinds + kind
@@ -165,10 +162,8 @@ def order_of_vertices(
     lone = [v for v in range(N) if not rings[v]]
     node_of: list[int] = []
     vertex: dict[int, int] = {}
-    distance = [6] * N
     p = o = -1
     h: list[Route | None] = [None] * 4
-    D = [6] * 4
     remembered: dict[Any, list[tuple[Route, int]]] = defaultdict(list)
     counts: dict[Any, list[int]] = defaultdict(lambda: [1, 1])
     relations: list[list[list[list[int]]]] = []
@@ -205,33 +200,29 @@ def order_of_vertices(
                         for v in ends:
                             propose(v, (6 + 4 * j + s, i))
         strength = {v: sum(map(trust, sources)) for v, sources in proposals.items()}
-        order = sorted(proposals, key=lambda v: -strength[v] - 2048 * (distance[v] == D[-1]))[:16]
+        order = sorted(proposals, key=lambda v: -strength[v])[:16]
         node, outcome_now = -1, 4
         for place, v in enumerate(order):
             B = max(proposals[v], key=trust)
-            S, d = min(15, 3 * strength[v] // 1024), distance[v]
+            S, T = min(15, 3 * strength[v] // 1024), sum(w in vertex for w in rings[v][:8])
             if mixer.bit(
                 ("here", min(place, 3)),
                 B,
                 (place, len(proposals[v]), S),
                 (B[:2], place, outcome),
-                (d, D[-1], D[-2]),
-                (S, d == D[-1], d == D[-4]),
+                (T, min(len(rings[v]), 15)),
+                (S, T),
             ):
                 node, outcome_now = v, min(place, 4)
                 break
         outcome = outcome_now
         if node < 0:
-            d = 1
-            while d < 6 and not mixer.bit("distance", (d, D[-1]), (d, D[-1], D[-2]), (d, D[-4])):
-                d += 1
             free = [v for v in range(N) if rings[v] and v not in vertex]
             if not mixer.bit("far", 0):
-                near = [v for v in around(p, o, 400) if v in free and distance[v] == d]
-                node = [v for v in near if v not in order][mixer.number("rank", d)]
+                near = [v for v in around(p, o, 400) if v in free]
+                node = near[mixer.number("rank", 0)]
             elif N <= 65536:
-                alike = [v for v in free if distance[v] == d]
-                node = alike[mixer.coded.bits(len(alike).bit_length())]
+                node = free[mixer.coded.bits(len(free).bit_length())]
             else:
                 node = mixer.coded.bits(N.bit_length())
         for v, sources in proposals.items():
@@ -249,7 +240,7 @@ def order_of_vertices(
                     known = dict(remembered[k, context])
                     again = known.pop(path_there, -1) + 1
                     remembered[k, context] = [(path_there, again), *known.items()][:2]
-        h, D = [*h[1:], path_there], [*D[1:], distance[node]]
+        h = [*h[1:], path_there]
         found: list[list[list[int]]] = []
         n = len(node_of)
         for v, way in around(node, origin, 40).items():
@@ -267,13 +258,6 @@ def order_of_vertices(
         p, o = node, origin
         vertex[node] = n
         node_of.append(node)
-        distance[node], row = 0, deque([node])
-        while row:
-            v = row.popleft()
-            for w in rings[v]:
-                if distance[w] > distance[v] + 1:
-                    distance[w] = distance[v] + 1
-                    row.append(w)
     return node_of
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from modalmotion import errors, mesh
 from modalmotion.arguments.checking import Plotted, Saved
+from modalmotion.classification.card import tuples_of
 from modalmotion.classification.model import Model, Readable, holds
 from modalmotion.classification.model_files import (
     DEFAULT_MODEL,
@@ -20,7 +21,7 @@ from modalmotion.classification.model_files import (
     shipped_for,
 )
 from modalmotion.classification.motion import Motion
-from modalmotion.classification.motion_features import VOLUME, volume_share, waves_of
+from modalmotion.classification.motion_features import AXIS, VOLUME, volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
 from modalmotion.hdf5.image import ANY_IDS, Dataset, Form, Ids, json_text
 from modalmotion.mesh import spring_modes
@@ -52,9 +53,6 @@ _ROUNDING: Final = 1e-12
 
 # Parameters that signatures must share with those of the model.
 _SAME: Final = ("remove_rotation", "components")
-
-_REFERENCE_NOTE: Final = Note.of("measured_from_frame")
-_TRACKING_NOTE: Final = Note.of("tracking_unknown")
 
 
 @shown()
@@ -370,14 +368,14 @@ def _notes(signature: ModalSignature, model: Model) -> list[Note]:
     """Note what a user should know of the recording."""
     notes = []
     if model.name == NORMAL_DISPLACEMENT_MODEL and signature.facts.tracking == mesh.UNKNOWN:
-        notes.append(_TRACKING_NOTE)
+        notes.append(Note.of("tracking_unknown"))
     share = signature.deviation_share
     if share:
         unsure = ", which the probabilities do not contain: they are too sure"
         consequence = unsure if share >= _UNSURE else ""
         notes.append(Note.of("amplitudes_uncertain", share=share, consequence=consequence))
     if model.signature_parameters.reference == MEAN != signature.parameters.reference:
-        notes.append(_REFERENCE_NOTE)
+        notes.append(Note.of("measured_from_frame"))
     return notes
 
 
@@ -423,13 +421,17 @@ def _explanation(
     reads = model.reads @ of_group > 0.0
     alone = reads & (reads.sum(axis=1, keepdims=True) == 1)
     scores, sizes = (lead @ alone).tolist(), np.sqrt(squares @ of_group).tolist()
+    # About an axis each feature is of one group, and of no other's size: all grow at once.
+    at_once = all(table.what in (AXIS, VOLUME) for table in model.tables)
+    every = _by_growth(model, motion, np.arange(len(motion.modes)), features)
     parts = []
     motion_rms = math.sqrt(squares.sum())
     for k in np.flatnonzero(alone.any(axis=0)).tolist():
         per_unit, size = 0.0, sizes[k] if sizes[k] > _ROUNDING * motion_rms else 0.0
         if size > _STILL * motion_rms:
             own = np.flatnonzero(of_group[:, k])
-            per_unit = float(_by_growth(model, motion, own, features) @ weights) / size
+            change = every * alone[:, k] if at_once else _by_growth(model, motion, own, features)
+            per_unit = float(change @ weights) / size
         parts.append(ModeContribution(labels[k], scores[k], size, per_unit, signature.unit))
     return tuple(sorted(parts, key=lambda part: -abs(part.score)))
 
@@ -532,24 +534,17 @@ def classification_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> Classi
         As in `Form.read`.
     """
     with FORM.read(source, ids) as contents:
-        classes = tuple(contents.json("classes", list))
-        label = contents.json("label", object)
-        if label not in (None, *classes):
+        texts = {name: tuples_of(contents.json(name, object)) for name in _OF_ANSWER}
+        if (label := texts["label"]) not in (None, *texts["classes"]):
             raise ValueError(f"the label {str(label)[:80]!r} is not one of the classes")
+        texts["notes"] = notes_from_json(contents.json("notes", list))
         return Classification(
             sequence_id=contents.text("sequence_id"),
             model=contents.text("model"),
             model_id=contents.text("model_id"),
-            label=None if label is None else str(label),
-            classes=classes,
-            probabilities=contents.array("probabilities", (len(classes),)),
-            notes=notes_from_json(contents.json("notes", list)),
-            provenance=contents.json("provenance", dict),
-            class_set=tuple(contents.json("class_set", list)),
-            coverage=float(contents.json("coverage", float)),
-            flags=tuple(contents.json("flags", list)),
+            probabilities=contents.array("probabilities", (len(texts["classes"]),)),
             explanation=tuple(
-                ModeContribution(**{**part, "modes": tuple(part["modes"])})
-                for part in contents.json("explanation", list)
+                ModeContribution(**tuples_of(part)) for part in contents.json("explanation", list)
             ),
+            **texts,
         )

@@ -114,14 +114,15 @@ class ModelCard(Plotted):
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> "ModelCard":
         """Read the output of `as_json`."""
-        plain = {name: _tuples(value) for name, value in values.items()}
+        plain = {name: tuples_of(value) for name, value in values.items()}
         return ModelCard(**{**plain, "notes": notes_from_json(values["notes"])})
 
 
-def _tuples(value: Any) -> Any:
+def tuples_of(value: Any) -> Any:
+    """Return JSON values with tuples in place of lists."""
     if isinstance(value, dict):
-        return {k: _tuples(v) for k, v in value.items()}
-    return tuple(_tuples(v) for v in value) if isinstance(value, list | tuple) else value
+        return {k: tuples_of(v) for k, v in value.items()}
+    return tuple(tuples_of(v) for v in value) if isinstance(value, list | tuple) else value
 
 
 NAME_PATTERN: Final = "[a-z0-9](?:[a-z0-9._-]{0,62}[a-z0-9])?"
@@ -242,9 +243,10 @@ _MARKS: Final = re.compile(r"([\\`*_{}\[\]|#~$])")
 
 def card_markdown(name: str, model_id: str, card: ModelCard, *, head: bool = False) -> str:
     """Write a card as Markdown, the same for the same card; with the head that the Hub reads."""
+    classes = ", ".join(map(_plain, card.classes))
     parts = [
         f"# {_plain(name)}",
-        f"Classifies the motion of a surface: {_listed(card.classes)}. Model id `{model_id}`.",
+        f"Classifies the motion of a surface: {classes}. Model id `{model_id}`.",
         "## Intended use",
         _plain(card.intended_use),
         "## Training data",
@@ -343,10 +345,6 @@ def _figure(measured: Sequence[float]) -> tuple[str, str]:
     """Write a value, and the interval that may follow it."""
     value, *ends = [f"{number:.3f}" for number in measured] or [""]
     return value, f"({' to '.join(ends)})" if ends else ""
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(map(_plain, names))
 
 
 def _plain(text: str) -> str:

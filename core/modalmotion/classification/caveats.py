@@ -17,8 +17,6 @@ _TIMES_LARGER: Final = 30.0
 # Cases that are named for one reason.
 _MOST_NAMED: Final = 5
 
-SUBJECT_NOTE: Final = Note.of("subjects_unknown")
-
 
 # Groups that the values of a number are put into, of about equal count.
 _N_GROUPS: Final = 5
@@ -44,7 +42,7 @@ def cohort_notes(rows: Sequence[TrainingCase], sizes: Sequence[float]) -> tuple[
     sizes : sequence of float
         Logs of the sizes of their surfaces.
     """
-    unstated = () if any(row.subject for row in rows) else (SUBJECT_NOTE,)
+    unstated = () if any(row.subject for row in rows) else (Note.of("subjects_unknown"),)
     return (*_spelling(rows), *unstated, *_sizes(rows, sizes))
 
 

@@ -38,7 +38,6 @@ _IN_ONE_PIECE: Final = 16
 _MOST_NAMED: Final = 3
 
 Conditions = Mapping[str, float | str]
-Groups = Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,7 @@ class Cohort:
     motions: tuple[Motion, ...]
     classes: tuple[str, ...]
     y: Ints
-    groups: Groups
+    groups: Ints
     subjects: tuple[str, ...]
     sequence_ids: tuple[str, ...]
     names: tuple[str, ...]
@@ -415,7 +414,7 @@ def _cohort(read: Alike, options: TrainingOptions) -> Cohort:
     )
 
 
-def _grouped(cases: Sequence[TrainingCase], by: str | None) -> tuple[tuple[str, ...], Groups]:
+def _grouped(cases: Sequence[TrainingCase], by: str | None) -> tuple[tuple[str, ...], Ints]:
     """Subjects, and groups of cases that share a subject or a covariate."""
     subjects = tuple(case.subject or f"sequence {case.sequence_id}" for case in cases)
     keys = [*subjects, *(() if by is None else _values_of(by, cases))]

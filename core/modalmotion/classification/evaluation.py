@@ -276,9 +276,9 @@ def _trained_on(model: Model) -> set[str]:
 def _is_known(case: TrainingCase, model: Model) -> bool:
     """Whether a model was trained on a recording, in whatever unit, which ids depend on."""
     known, motion = _trained_on(model), case.motion
-    if not isinstance(motion, MeshSequence):
-        return motion.sequence_id in known
-    return any(replace(motion, unit=unit).id in known for unit in (None, *MM_PER_UNIT) if known)
+    if not known or not isinstance(motion, MeshSequence):
+        return case.sequence_id in known
+    return any(replace(motion, unit=unit).id in known for unit in (None, *MM_PER_UNIT))
 
 
 COMPARISON_METHODS: Final = (

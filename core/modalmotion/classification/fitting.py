@@ -50,8 +50,6 @@ _MOST_COMPARED: Final = 200
 # less, and what they gain by chance is lost on others.
 _SURE: Final = 1.0
 
-Rows = Ints
-
 
 class Table(NamedTuple):
     """One table of the features of all cases, (cases, features)."""
@@ -83,9 +81,9 @@ class Fit:
 
     tables: tuple[TableFit, ...]
     losses: Floats
-    groups: Rows
+    groups: Ints
 
-    def scores(self, rows: Rows) -> Floats:
+    def scores(self, rows: Ints) -> Floats:
         """Scores of some cases of the cohort, (cases, classes)."""
         return np.asarray(sum(one.linear.scores(one.table.X[rows]) for one in self.tables))
 
@@ -105,7 +103,7 @@ def tables_of(cohort: Cohort, options: TrainingOptions) -> tuple[Table, ...]:
     return tuple(Table(one, np.stack([one.values(motion) for motion in motions])) for one in found)
 
 
-def fit_rows(cohort: Cohort, tables: Sequence[Table], rows: Rows) -> Fit:
+def fit_rows(cohort: Cohort, tables: Sequence[Table], rows: Ints) -> Fit:
     """Fit to some cases with at most five tables, weighed by how well they predict cases left out.
 
     The motion is read in several tables, and the volume in another: evidence of both adds up.
@@ -143,13 +141,13 @@ def better(fits: Sequence[Fit]) -> int:
     return best
 
 
-def _some(cohort: Cohort, rows: Rows) -> Rows:
+def _some(cohort: Cohort, rows: Ints) -> Ints:
     """Take at most so many cases of each class."""
     parts = [rows[cohort.y[rows] == k] for k in np.unique(cohort.y[rows])]
     return np.sort(np.concatenate([mine[:: -(-len(mine) // _MOST_COMPARED)] for mine in parts]))
 
 
-def _weights(kinds: Sequence[str], losses: Floats, groups: Rows) -> Floats:
+def _weights(kinds: Sequence[str], losses: Floats, groups: Ints) -> Floats:
     """Weigh tables by the losses of cases left out, (tables,) float64.
 
     Two whose losses differ by less than chance share their weight.
@@ -182,7 +180,7 @@ Fold = tuple[Ints, Ints]
 # Of groups of which each is held out by itself.
 _MOST_GROUPS: Final = 20
 
-Folds = Sequence[int] | Rows
+Folds = Sequence[int] | Ints
 """For each case the number of the fold in which it is predicted."""
 
 

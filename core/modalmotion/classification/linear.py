@@ -15,8 +15,6 @@ _LIMITS: Final = (0.05, 400.0)
 # What is constant has no variance, and would make the covariance singular.
 _LEAST: Final = 1e-9
 
-Labels = Ints
-
 
 class Linear(NamedTuple):
     """A linear score of each class.
@@ -39,7 +37,7 @@ class Linear(NamedTuple):
         return Linear(self.weights * factor, self.intercepts * factor)
 
 
-def discriminant(X: Floats, y: Labels, n_classes: int) -> Linear:
+def discriminant(X: Floats, y: Ints, n_classes: int) -> Linear:
     """Log p(k | x) up to a constant, by classes of one shrunk covariance.
 
     z' S^-1 m_k - m_k' S^-1 m_k / 2 + log prior_k, of scaled features z and class means m_k.
@@ -86,13 +84,13 @@ def discriminant(X: Floats, y: Labels, n_classes: int) -> Linear:
     return Linear(weights, intercepts - centre @ weights)
 
 
-def class_means(z: Floats, y: Labels, n_classes: int) -> Floats:
+def class_means(z: Floats, y: Ints, n_classes: int) -> Floats:
     """Mean of the cases of each class, (classes, features); 0 of a class without any."""
     is_member = (y == np.arange(n_classes)[:, None]).astype(np.float64)
     return np.asarray(is_member @ z / np.maximum(is_member.sum(axis=1), 1.0)[:, None])
 
 
-def left_out_scores(X: Floats, y: Labels, n_classes: int, groups: Labels) -> Floats:
+def left_out_scores(X: Floats, y: Ints, n_classes: int, groups: Ints) -> Floats:
     """Scores of each case by fits without its group, (cases, classes)."""
     scores = np.zeros((len(y), n_classes))
     for train, test in inner_folds(y, groups):
@@ -100,7 +98,7 @@ def left_out_scores(X: Floats, y: Labels, n_classes: int, groups: Labels) -> Flo
     return scores
 
 
-def inner_folds(y: Labels, groups: Labels) -> Iterator[tuple[Labels, Labels]]:
+def inner_folds(y: Ints, groups: Ints) -> Iterator[tuple[Ints, Ints]]:
     """Split into parts by group, classes spread evenly, without randomness.
 
     Leaving a group out does not test a class that is in no other: the cases of such a class are
@@ -121,12 +119,12 @@ def inner_folds(y: Labels, groups: Labels) -> Iterator[tuple[Labels, Labels]]:
             yield np.flatnonzero(fold != k), np.flatnonzero(fold == k)
 
 
-def log_losses(scores: Floats, y: Labels) -> Floats:
+def log_losses(scores: Floats, y: Ints) -> Floats:
     """-log p(y) of each case, (cases,), nats."""
     return np.asarray(-scipy.special.log_softmax(scores, axis=1)[np.arange(len(y)), y])
 
 
-def temperature_of(scores: Floats, y: Labels) -> float:
+def temperature_of(scores: Floats, y: Ints) -> float:
     """Temperature T for which softmax(scores / T) makes left-out labels most likely.
 
     Guo, Pleiss, Sun and Weinberger, On calibration of modern neural networks, ICML, 2017. Of n

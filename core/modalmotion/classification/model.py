@@ -99,12 +99,7 @@ class Readable:
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> Readable:
         """Read the output of `as_json`."""
-        return Readable(
-            topology=str(values["topology"]),
-            n_modes=int(values["n_modes"]),
-            connectivity_id=str(values["connectivity_id"]),
-            parameters=parameters_from_json(values["parameters"]),
-        )
+        return Readable(**{**values, "parameters": parameters_from_json(values["parameters"])})
 
     @property
     def closes_apices(self) -> bool:

@@ -27,8 +27,6 @@ _MOST_OF_PERIOD: Final = 0.75
 _RANK: Final = 1e-8
 _FLAT: Final = 1e-6
 
-Complex = Complexes
-
 
 # Coordinates of the other handedness.
 _MIRROR: Final = np.array([-1.0, 1.0, 1.0])
@@ -97,7 +95,7 @@ class Motion:
         return np.asarray(turned * self._senses[:, None])
 
     @cached_property
-    def harmonics(self) -> Complex:
+    def harmonics(self) -> Complexes:
         """First harmonics c_h of sum Re(c_h exp(-i h phase)), (N_HARMONICS, modes, n)."""
         x, share = self.cycle
         n = min(N_HARMONICS, max(1, (len(x) - 1) // 2))

@@ -19,15 +19,13 @@ from modalmotion.mesh import sequence, spring_modes
 from modalmotion.modes.topologies import CLOSED
 from modalmotion.representation import Array, Complexes, Floats, Ints, shown
 
-Index = Ints
-
 
 class _Places(NamedTuple):
     """Modes of the parts: (p, 0) of p > 0, and the cosine and sine of (p, p'), p' = 1 first."""
 
-    flat: Index
-    cosines: Index
-    sines: Index
+    flat: Ints
+    cosines: Ints
+    sines: Ints
     n_rings: int
 
 
@@ -162,8 +160,8 @@ class Waves(NamedTuple):
 
     names: tuple[str, ...]
     modes: tuple[tuple[int, ...], ...]
-    i: Index
-    j: Index
+    i: Ints
+    j: Ints
 
 
 @lru_cache(maxsize=64)

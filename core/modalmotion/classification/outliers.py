@@ -72,8 +72,6 @@ training case; not a signature that the model reads (another topology, other mod
 in what a recording is unlike the training cases, where that is known. Where one is set, there is no
 label."""
 
-Labels = Ints
-
 
 class Flag(NamedTuple):
     """A flag with its words: what was found, and what to do about it."""
@@ -96,7 +94,7 @@ class Inputs(NamedTuple):
     kinds: Floats
     places: Floats
 
-    def of(self, rows: Labels) -> "Inputs":
+    def of(self, rows: Ints) -> "Inputs":
         """Those of some cases."""
         return Inputs(self.kinds[rows], self.places[rows])
 
@@ -304,10 +302,10 @@ _OF_CHECKS: Final = {
 
 def detector_for(
     motions: Sequence[Motion],
-    y: Labels,
+    y: Ints,
     reader: Extractor,
-    folds: Iterable[tuple[Labels, Labels]],
-    groups: Labels,
+    folds: Iterable[tuple[Ints, Ints]],
+    groups: Ints,
 ) -> OutlierDetector:
     """Fit a detector to training cases, with limits that cases held out stay within.
 
@@ -335,7 +333,7 @@ def detector_for(
         inputs.places[:, 1] = 0.0
     signs, n_classes = symmetry_signs(motions[0], reader), int(y.max()) + 1
 
-    def fitted(rows: Labels) -> OutlierDetector:
+    def fitted(rows: Ints) -> OutlierDetector:
         (kinds, places), own = inputs.of(rows), y[rows]
         spread = kinds.std(axis=0)
         spread = np.where(spread > 1e-12 * np.abs(kinds).max(axis=0), spread, np.inf)
@@ -363,7 +361,7 @@ def detector_for(
     return detector if np.isnan(scores).any() else with_limits(detector, scores, groups)
 
 
-def with_limits(detector: OutlierDetector, scores: Floats, groups: Labels) -> OutlierDetector:
+def with_limits(detector: OutlierDetector, scores: Floats, groups: Ints) -> OutlierDetector:
     """Give a detector the limits within which a share of new cases stays in all scores together.
 
     Each has its own limit; then all are raised by one number of their standard deviations.
@@ -419,7 +417,7 @@ def _whitening(residuals: Floats) -> Floats:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(S)).T / np.sqrt(d))
 
 
-def _direction(kinds: Floats, means: Floats, y: Labels, changes: Bools) -> Floats:
+def _direction(kinds: Floats, means: Floats, y: Ints, changes: Bools) -> Floats:
     """Along which motions differ most from their images (Fisher), over the columns that change."""
     direction = np.zeros(kinds.shape[1])
     scale = kinds.std(axis=0)

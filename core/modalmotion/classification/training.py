@@ -108,7 +108,11 @@ def train(
         held_out = _held_out(results, splits, cohorts[final])
         cohort, fit = cohorts[final], results[final].final
         card, warning = _card(cohort, chosen, splits, held_out, fit)
-        weighed = _weighed_note(cohorts, results, final)
+        losses = (
+            f"{c.basis} {r.final.losses.mean():.3f}" for c, r in zip(cohorts, results, strict=True)
+        )
+        chosen_of = Note.of("basis_chosen", basis=cohort.basis, losses=", ".join(losses))
+        weighed = (chosen_of,) * (len(cohorts) > 1)
         card = replace(card, notes=(*cohort.notes, *weighed, *splits.notes, *card.notes, *warning))
         always = (*warning, *_always(cohort, fit))
         return _model(cohort, name, results[final], held_out, card, always)
@@ -372,14 +376,3 @@ def _always(cohort: Cohort, fit: Fit) -> tuple[Note, ...]:
     if topology is not None and topology.closed_axes and not cohort.walls:
         return (Note.of("wall_unknown"),)
     return ()
-
-
-def _weighed_note(
-    cohorts: Sequence[Cohort], results: Sequence[_Result], final: int
-) -> tuple[Note, ...]:
-    """Note which basis a model reads if several were compared."""
-    losses = (
-        f"{c.basis} {r.final.losses.mean():.3f}" for c, r in zip(cohorts, results, strict=True)
-    )
-    note = Note.of("basis_chosen", basis=cohorts[final].basis, losses=", ".join(losses))
-    return (note,) if len(cohorts) > 1 else ()

@@ -54,7 +54,7 @@ def sectors_of(motion: WallMotion) -> Ints:
     return np.choose(rings, [six, 6 + six, 12 + four, np.full_like(six, -1)])
 
 
-def segment_volumes(motion: WallMotion, segment: Ints, n: int) -> Floats:
+def segment_volumes(motion: WallMotion, segment: Ints, n: int) -> tuple[Floats, Floats]:
     """Measure the volume between each segment of the wall and the middle line of the cavity.
 
     Parameters
@@ -66,24 +66,22 @@ def segment_volumes(motion: WallMotion, segment: Ints, n: int) -> Floats:
 
     Returns
     -------
-    (frames, n) float64, length unit cubed
+    volumes : (frames, n) float64, length unit cubed
+    gradients : (frames, functions, n, 3) float64, length unit squared
+        By the coefficients of each frame.
     """
-    rows, columns = motion.places.shape
-    grid = rows, columns, motion.n_frames, 3
-    x = np.tensordot(motion.places.values, motion.coefficients, axes=1).reshape(grid)
-    away = x - x.mean(axis=1, keepdims=True)
-    along = motion.slopes.along.reshape(grid).mean(axis=1, keepdims=True)
-    sectors = np.cross(away, motion.slopes.around.reshape(grid)) / 2.0
-    parts = (sectors * along).sum(axis=3) * motion.weights[:, :, None]
-    flat = parts.reshape(rows * columns, motion.n_frames)
-    volumes = np.stack([flat[segment == k].sum(axis=0) for k in range(n)], axis=1)
-    return np.asarray(volumes * np.sign(volumes.sum()), dtype=np.float64)
+    frames = range(motion.n_frames)
+    gradients = np.array([_volume_gradients(motion, segment, n, frame) for frame in frames])
+    # A volume is of the third degree in the coefficients: V(c) = c . V'(c) / 3.
+    volumes = np.einsum("fknj,kfj->fn", gradients, motion.coefficients) / 3.0
+    sign = np.sign(volumes.sum())
+    return sign * volumes, sign * gradients
 
 
-def volume_gradients(motion: WallMotion, segment: Ints, n: int, frame: int) -> Floats:
+def _volume_gradients(motion: WallMotion, segment: Ints, n: int, frame: int) -> Floats:
     """Differentiate each segment's volume by the coefficients of a frame, (functions, n, 3).
 
-    Without the sign of `segment_volumes`, a sum of (a x g) . l / 2, with a from the middle line to
+    Of either sign, a sum of (a x g) . l / 2, with a from the middle line to
     the wall, g around it and l along the middle line.
     """
     rows, columns = motion.places.shape
@@ -104,14 +102,19 @@ def volume_gradients(motion: WallMotion, segment: Ints, n: int, frame: int) -> F
     return gradients
 
 
-def volume_variances(motion: WallMotion, segment: Ints, n: int, frame: int) -> Floats:
-    """Variance of each segment's volume from the errors of positions, (n,) float64.
+def volume_variances(motion: WallMotion, gradients: Floats) -> Floats:
+    """Variance of each segment's volume from the errors of positions, (frames, n) float64.
 
     Without those of a track along the surface, which would move the borders of segments: these keep
     their heights.
     """
-    gradients = volume_gradients(motion, segment, n, frame)
-    return np.array([motion.variance(gradients[:, k], frame, is_row=n > 1) for k in range(n)])
+    n = gradients.shape[2]
+    return np.array(
+        [
+            [motion.variance(own[:, k], frame, is_row=n > 1) for k in range(n)]
+            for frame, own in enumerate(gradients)
+        ]
+    )
 
 
 def dyssynchrony(

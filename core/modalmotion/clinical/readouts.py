@@ -10,13 +10,13 @@ import scipy
 from modalmotion import errors, mesh
 from modalmotion.arguments.checking import Plotted
 from modalmotion.clinical.volume_curve import Fraction, VolumeCurve, volume_deviations
-from modalmotion.mesh import alignment, checks, facts
+from modalmotion.mesh import alignment, facts
 from modalmotion.mesh.sequence import MM_PER_UNIT, MeshSequence
 from modalmotion.modes.topologies import CUP, PLANE
 from modalmotion.notes import Note
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, Ints, counted, numeral, shown, with_article
-from modalmotion.signature import fit, making, reconstruction, superposition
+from modalmotion.signature import fit, making, normal_displacements, reconstruction
 from modalmotion.template import Template, body_frame
 
 # Of the cube of the size: a surface that encloses less is a sheet, to rounding.
@@ -231,22 +231,11 @@ def clinical_readouts(
         sequence_id=signature.sequence_id,
         template_id=signature.template_id,
         notes=(
-            *_notes(sign * own, sign * volumes, name),
-            *_unlikely(signature.unit, abs(largest) * cube),
-            *_of_track(known),
-            *(_slow(sequence) if name == Fraction.EJECTION_FRACTION else ()),
+            *_of_share(sign * own, sign * volumes, name),
+            *_of_recording(sequence, signature.unit, abs(largest) * cube, name),
         ),
         is_tracked=known is not None and known.volumes is not None,
     )
-
-
-def _of_track(known: checks.Uncertainty | None) -> tuple[Note, ...]:
-    """Note that the surface was tracked, with its caveats."""
-    if known is None or known.volumes is None:
-        return ()
-    convention = ", papillary muscles subtracted" if known.papillary_volume else ""
-    text = Note.of("tracked", source=known.source, convention=convention)
-    return (text, *known.notes)
 
 
 def _name_of_share(signature: making.ModalSignature, sequence: MeshSequence) -> Fraction:
@@ -290,25 +279,25 @@ def _measured(cavity: mesh.Cavity, used: Ints, positions: Floats) -> tuple[Float
     return cavity.volume(positions), np.sqrt(squares[:, used].max(axis=1))
 
 
-def _unlikely(unit: str | None, volume: float) -> tuple[Note, ...]:
-    """Note a volume that no heart has: lengths ten times too large make it a thousandfold."""
-    if unit is None or _MOUSE <= volume * millilitres_in(unit) <= _ELEPHANT:
-        return ()
-    amount = numeral(volume * millilitres_in(unit), 1)
-    return ((Note.of("volume_unlikely", volume=amount, unit=unit)),)
+def _of_recording(
+    sequence: MeshSequence, unit: str | None, volume: float, name: Fraction
+) -> Iterator[Note]:
+    """Note a volume that no heart has, a track and its caveats, and a beat that is none."""
+    # Lengths ten times too large make it a thousandfold.
+    if unit is not None and not _MOUSE <= volume * millilitres_in(unit) <= _ELEPHANT:
+        amount = numeral(volume * millilitres_in(unit), 1)
+        yield Note.of("volume_unlikely", volume=amount, unit=unit)
+    known = sequence.uncertainty
+    if known is not None and known.volumes is not None:
+        convention = ", papillary muscles subtracted" if known.papillary_volume else ""
+        yield Note.of("tracked", source=known.source, convention=convention)
+        yield from known.notes
+    beat = sequence.facts.period or sequence.span or 0.0
+    if name == Fraction.EJECTION_FRACTION and beat > _LONGEST:
+        yield Note.of("beat_too_long", seconds=beat)
 
 
-def _slow(sequence: MeshSequence) -> tuple[Note, ...]:
-    """Note a beat that lasts longer than any heartbeat."""
-    times, beat = sequence.times, sequence.facts.period
-    if beat is None and times is not None:
-        beat = float(times[-1] - times[0])
-    if beat is None or beat <= _LONGEST:
-        return ()
-    return ((Note.of("beat_too_long", seconds=beat)),)
-
-
-def _notes(own: Floats, volumes: Floats, name: Fraction) -> tuple[Note, ...]:
+def _of_share(own: Floats, volumes: Floats, name: Fraction) -> tuple[Note, ...]:
     if len(own) == 1:
         return (Note.of("nothing_ejected"),)
     for curve, what, remedy in (
@@ -317,21 +306,17 @@ def _notes(own: Floats, volumes: Floats, name: Fraction) -> tuple[Note, ...]:
     ):
         inverted = np.flatnonzero(curve <= 0)
         if inverted.size:
-            return (
-                (
-                    Note.of(
-                        "inside_out",
-                        frames=counted(inverted.size, "frame"),
-                        first=inverted[0],
-                        surface=what,
-                        share=with_article(name.words),
-                        remedy=remedy,
-                    )
-                ),
+            note = Note.of(
+                "inside_out",
+                frames=counted(inverted.size, "frame"),
+                first=inverted[0],
+                surface=what,
+                share=with_article(name.words),
+                remedy=remedy,
             )
+            return (note,)
     if name == Fraction.VOLUME_CHANGE:
-        text = Note.of("cavity_unknown")
-        return (text,)
+        return (Note.of("cavity_unknown"),)
     return ()
 
 
@@ -363,7 +348,7 @@ def superposed_positions(
     step = max(1, _BLOCK // (3 * n_vertices))
     if signature.kind == making.SignatureKind.NORMAL_DISPLACEMENT:
         # Normal displacements have no affine part that could be separated.
-        normals, _ = superposition.normal_reference(template, rest)
+        normals, _ = normal_displacements.normal_reference(template, rest)
         for first in range(0, n_frames, step):
             part = slice(first, first + step)
             u = body_frame.from_local(
@@ -482,32 +467,17 @@ def rates_of(readouts: ClinicalReadouts, period: float | None = None) -> Rates:
         output = readouts.curve.stroke_volume * factor * heart_rate
         low, high = readouts.curve.stroke_range
         interval = (low * factor * heart_rate, high * factor * heart_rate)
+    (ejection, ejection_bound, ejected), (filling, filling_bound, filled) = fall, rise
     return Rates(
-        peak_ejection_rate=fall.rate,
-        peak_filling_rate=rise.rate,
-        ejection_bound=fall.bound,
-        filling_bound=rise.bound,
-        ejection_frame=fall.frame,
-        filling_frame=rise.frame,
-        heart_rate=heart_rate,
-        cardiac_output=output,
-        output_range=interval,
+        *(ejection, filling, ejection_bound, filling_bound, ejected, filled),
+        *(heart_rate, output, interval),
     )
-
-
-@dataclass(frozen=True)
-class _Peak:
-    """Largest rate of one sign, its bound and the frame next to it."""
-
-    rate: float
-    bound: float
-    frame: int
 
 
 def _peaks(
     times: Floats, volumes: Floats, bounds: Floats, period: float | None
-) -> tuple[_Peak, _Peak]:
-    """Largest fall and rise, periodic if the cycle is closed."""
+) -> list[tuple[float, float, int]]:
+    """Largest fall and rise, each with its bound and frame; periodic if the cycle is closed."""
     n = len(times)
     t, step = times, float(times[-1] - times[0]) / (n - 1)
     weights = np.eye(n)
@@ -536,14 +506,9 @@ def _peaks(
         between = beside * min(_FAR, _NEAR * beside / rate) if rate > 0.0 else 0.0
         between += abs(float((sign * others).max()) - float((sign * rates).max()))
         frame = int(np.argmin(np.abs(t - fine[at])))
-        found.append(
-            _Peak(
-                rate,
-                float(np.abs(slopes[at]) @ bounds) + between,
-                0 if closes and frame == len(t) - 1 else frame,
-            )
-        )
-    return found[0], found[1]
+        bound = float(np.abs(slopes[at]) @ bounds) + between
+        found.append((rate, bound, 0 if closes and frame == len(t) - 1 else frame))
+    return found
 
 
 def _central(t: Floats, v: Floats, *, is_closed: bool) -> Floats:

@@ -301,7 +301,10 @@ def wall_strain(
         layer="endocardium, as traced" if sequence.facts.cavity in _CAVITIES else "as traced",
         source="mesh" if known is None else known.source,
         reason=reason,
-        notes=(*_notes(template), *(() if known is None else known.notes)),
+        notes=(
+            *((Note.of("lines_from_pole_to_pole"),) if template.surface == SPHERE else ()),
+            *(() if known is None else known.notes),
+        ),
         sequence_id=sequence.id,
     )
 
@@ -387,10 +390,8 @@ def _choice(motion: WallMotion, curves: Floats, start: int, end: int) -> tuple[F
     largest or the smallest.
     """
     everywhere = np.zeros(len(motion.places.s), dtype=np.int64)
-    volumes = segment_volumes(motion, everywhere, 1)[:, 0]
-    variances = np.array(
-        [volume_variances(motion, everywhere, 1, frame)[0] for frame in range(motion.n_frames)]
-    )
+    volumes, gradients = segment_volumes(motion, everywhere, 1)
+    volumes, variances = volumes[:, 0], volume_variances(motion, gradients)[:, 0]
     found = []
     for chosen, sign in ((start, 1.0), (end, -1.0)):
         apart = np.sqrt(np.maximum(variances + variances[chosen], np.finfo(np.float64).tiny))
@@ -419,13 +420,9 @@ def _dyssynchrony(motion: WallMotion, sequence: MeshSequence) -> Figure | None:
     """Index of the 16 segments; of 16 sectors like them if the anterior wall is unknown."""
     if motion.wall.surface != CUP:
         return None
-    segment = sectors_of(motion)
-    variances = [
-        volume_variances(motion, segment, N_SECTORS, frame) for frame in range(motion.n_frames)
-    ]
-    volumes = segment_volumes(motion, segment, N_SECTORS)
-    is_track = sequence.uncertainty is not None
-    found = dyssynchrony(volumes, phases_of(sequence), np.array(variances), is_smooth=is_track)
+    volumes, gradients = segment_volumes(motion, sectors_of(motion), N_SECTORS)
+    variances, is_track = volume_variances(motion, gradients), sequence.uncertainty is not None
+    found = dyssynchrony(volumes, phases_of(sequence), variances, is_smooth=is_track)
     return None if found is None else Figure(*found)
 
 
@@ -439,15 +436,6 @@ def _segments(
         return RINGS, np.full(len(places.s), -1), reason
     reference = places.values @ (wall.projector @ template.vertices)
     return at_places(template, facts, np.repeat(places.ways, places.shape[1]), reference)
-
-
-def _notes(template: Template) -> tuple[Note, ...]:
-    if template.surface == SPHERE:
-        return (Note.of("lines_from_pole_to_pole"),)
-    return ()
-
-
-_REMEDY: Final = "State the fact tracking=material if they do (tagging, feature tracking)."
 
 
 @shown("end_systole")
@@ -499,7 +487,7 @@ def torsion(
     if sequence.facts.tracking != "material":
         raise errors.ParameterError(
             "Torsion and shear need points that follow the tissue; whether these do is not stated.",
-            remedy=_REMEDY,
+            remedy="State the fact tracking=material if they do (tagging, feature tracking).",
         )
     if template.surface != CUP or template.landmarks is None:
         raise errors.TopologyError(

@@ -87,7 +87,7 @@ def ventricle_readouts(
         try:
             return make()
         except errors.InputError as error:
-            reasons.append(notes.Note.of("not_computed", reason=str(error)))
+            reasons.append(notes.Note.of("not_computed", reason=str(error), error=error.code))
             return None
 
     return VentricleReadouts(
@@ -123,26 +123,17 @@ def readouts_json(readouts: ClinicalReadouts, ventricle: VentricleReadouts) -> d
 
 def volumes_json(curve: VolumeCurve, factor: float) -> dict[str, Any]:
     """Write volumes over time in another unit, and their read-outs."""
-
-    def figure(value: float, interval: tuple[float, float], factor: float) -> dict[str, float]:
-        low, high = interval
-        return {"value": factor * value, "low": factor * low, "high": factor * high}
-
-    share = None
-    if curve.share is not None and curve.share_range is not None:
-        share = figure(curve.share, curve.share_range, 1.0)
-    is_ejected = curve.fraction == Fraction.EJECTION_FRACTION
-    large, small = curve.end_diastolic_volume, curve.end_systolic_volume
+    figures = {
+        name: dict(zip(("value", "low", "high"), one, strict=True))
+        for name, one in curve.figures(factor).items()
+    }
     return {
         "volumes": (curve.volumes * factor).tolist(),
         "bounds": (curve.bounds * factor).tolist(),
         "end_diastole": curve.end_diastole,
         "end_systole": curve.end_systole,
-        "end_diastolic_volume": figure(large, curve.end_diastolic_range, factor),
-        "end_systolic_volume": figure(small, curve.end_systolic_range, factor),
-        "stroke_volume": figure(curve.stroke_volume, curve.stroke_range, factor),
-        "ejection_fraction": share if is_ejected else None,
-        "volume_change": None if is_ejected else share,
+        **dict.fromkeys(map(str, Fraction)),
+        **figures,
     }
 
 
@@ -307,15 +298,7 @@ def _of_dyssynchrony(motion: WallMotion, phases: Floats) -> Floats | None:
     if motion.wall.surface != topologies.CUP:
         return None
     sectors = dyssynchrony.sectors_of(motion)
-    volumes = dyssynchrony.segment_volumes(motion, sectors, dyssynchrony.N_SECTORS)
+    volumes, gradients = dyssynchrony.segment_volumes(motion, sectors, dyssynchrony.N_SECTORS)
     if (by_volume := dyssynchrony.index_gradient(volumes, phases)) is None:
         return None
-    gradients = np.array(
-        [
-            dyssynchrony.volume_gradients(motion, sectors, dyssynchrony.N_SECTORS, k)
-            for k in range(motion.n_frames)
-        ]
-    )
-    # A volume is of the third degree in the coefficients: its gradient tells its sign.
-    sign = np.sign(np.einsum("fkj,kfj->", gradients.sum(axis=2), motion.coefficients))
-    return np.asarray(sign * np.einsum("fknj,fn->fkj", gradients, by_volume), dtype=np.float64)
+    return np.asarray(np.einsum("fknj,fn->fkj", gradients, by_volume), dtype=np.float64)

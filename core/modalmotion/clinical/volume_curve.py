@@ -144,6 +144,23 @@ class VolumeCurve:
             min(100.0, _lost(high, least) + extra) if least > 0 else 100.0,
         )
 
+    def figures(self, factor: float) -> dict[str, tuple[float, float, float]]:
+        """Give the share, if it has a name, and the volumes times a factor, with their intervals.
+
+        By name: ejection_fraction or volume_change, then end_diastolic_volume, end_systolic_volume
+        and stroke_volume.
+        """
+        found: dict[str, tuple[float, float, float]] = {}
+        if self.fraction is not None and (share := self.share_range) is not None:
+            found[self.fraction.value] = (self.share or 0.0, *share)
+        for name, value, (low, high) in (
+            ("end_diastolic_volume", self.end_diastolic_volume, self.end_diastolic_range),
+            ("end_systolic_volume", self.end_systolic_volume, self.end_systolic_range),
+            ("stroke_volume", self.stroke_volume, self.stroke_range),
+        ):
+            found[name] = (factor * value, factor * low, factor * high)
+        return found
+
     @property
     def _within_bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         largest, smallest = (_range(self.volumes, self.bounds, end) for end in (np.max, np.min))

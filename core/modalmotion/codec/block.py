@@ -6,9 +6,9 @@ made orthonormal in their order. So a limb that turns takes four numbers for eac
 its details are told once, with the shape.
 """
 
-import hashlib
 import lzma
 import struct
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -160,9 +160,7 @@ def _orthonormal(shape: Floats) -> Floats:
     return basis
 
 
-Ints = Ints
-
-HASH_BYTES: Final = 8
+CHECKSUM_BYTES: Final = 4
 MOST_QUANTA: Final = 2**51
 _NONSENSE: Final = "The header of a block makes no sense."
 
@@ -240,7 +238,7 @@ def write_block(
     corrections : (frames, 3, vertices) int64, optional
         In steps of `block.width` quanta.
     positions : (frames, vertices, 3)
-        As decoded; only their hash is written.
+        As decoded; only their checksum is written.
     """
     writer = Coder()
     n_values = positions.size
@@ -253,15 +251,14 @@ def write_block(
     code_guards(writer, n_values, guards)
     if corrections is not None:
         code_corrections(writer, corrections.shape, corrections)
-    head = struct.pack("<Bf", block.kind, block.quantiser.step)
-    head += struct.pack("<3b", *block.quantiser.shifts)
+    head = struct.pack("<Bf3b", block.kind, block.quantiser.step, *block.quantiser.shifts)
     signed = (block.exponent, *block.origin.tolist())
     sizes = (block.width, *block.coefficients.shape, len(block.basis))
     head += b"".join(write_varint(n) for n in (*map(zigzag, signed), *sizes))
     head += bytes([block.mixed])
     if block.parts is not None:
         head += write_varint(block.parts.largest) + write_varint(block.parts.count)
-    return digest(positions) + head + writer.finish()
+    return checksum(positions) + head + writer.finish()
 
 
 def read_block(
@@ -271,7 +268,7 @@ def read_block(
     modes: OrthonormalModes,
     dtype: np.dtype[np.floating],
 ) -> FloatArray:
-    """Decode a block, and compare the hash of its positions.
+    """Decode a block, and compare the checksum of its positions.
 
     Raises
     ------
@@ -296,7 +293,7 @@ def read_block(
     if block.width:
         whole += block.width * code_corrections(reader, whole.shape, None)
     positions = positions_of(block, whole, dtype)
-    if digest(positions) != data[:HASH_BYTES]:
+    if checksum(positions) != data[:CHECKSUM_BYTES]:
         raise MalformedFileError(
             "The decoded vertices are not those that were encoded.",
             remedy="The stream is damaged, or this machine computes its modes differently: "
@@ -305,10 +302,10 @@ def read_block(
     return positions
 
 
-def digest(positions: FloatArray) -> bytes:
-    """First bytes of the SHA-256 of the positions, little-endian, (frame, vertex, direction)."""
+def checksum(positions: FloatArray) -> bytes:
+    """CRC-32 of the positions, little-endian, (frame, vertex, direction)."""
     plain = positions.astype(positions.dtype.newbyteorder("<"), copy=False)
-    return hashlib.sha256(np.ascontiguousarray(plain).data).digest()[:HASH_BYTES]
+    return struct.pack("<I", zlib.crc32(np.ascontiguousarray(plain).data))
 
 
 def _read_head(
@@ -331,10 +328,9 @@ def _read_head(
 
 
 def _parse_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int]:
-    kind = Temporal(data[HASH_BYTES])
-    (step,) = struct.unpack_from("<f", data, HASH_BYTES + 1)
-    shifts = struct.unpack_from("<3b", data, HASH_BYTES + 5)
-    numbers, position = read_varints(data, HASH_BYTES + 8, 8)
+    code, step, *shifts = struct.unpack_from("<Bf3b", data, CHECKSUM_BYTES)
+    kind = Temporal(code)
+    numbers, position = read_varints(data, CHECKSUM_BYTES + 8, 8)
     mixed = data[position]
     exponent = unzigzag(numbers[0])
     origin = np.array([unzigzag(n) for n in numbers[1:4]], dtype=np.int64)
@@ -359,7 +355,7 @@ def _parse_head(data: bytes, n_frames: int, n_vertices: int) -> tuple[Block, int
         Block(
             kind,
             n_frames,
-            Quantiser(step, shifts),
+            Quantiser(step, tuple(shifts)),
             np.zeros((n_components, columns), dtype=np.int64),
             np.zeros((n_rows, n_modes), dtype=np.int64),
             exponent,
@@ -379,7 +375,7 @@ def store_positions(positions: FloatArray) -> bytes:
     packed = lzma.compress(
         planes.T.tobytes(), format=lzma.FORMAT_ALONE, filters=[{"id": lzma.FILTER_LZMA1}]
     )
-    return digest(positions) + packed
+    return checksum(positions) + packed
 
 
 def restore_positions(
@@ -396,7 +392,7 @@ def restore_positions(
     n_bytes = int(np.prod(shape)) * dtype.itemsize
     try:
         inflate = lzma.LZMADecompressor(lzma.FORMAT_ALONE, memlimit=2**28)
-        plain = inflate.decompress(data[HASH_BYTES:], n_bytes + 1)
+        plain = inflate.decompress(data[CHECKSUM_BYTES:], n_bytes + 1)
     except (lzma.LZMAError, EOFError) as error:
         raise damaged("A stored block does not unpack.") from error
     if len(plain) != n_bytes:
@@ -404,6 +400,6 @@ def restore_positions(
     planes = np.frombuffer(plain, np.uint8).reshape(dtype.itemsize, -1)
     raw = np.frombuffer(planes.T.tobytes(), dtype.newbyteorder("<"))
     positions: FloatArray = raw.astype(dtype).reshape(shape)
-    if digest(positions) != data[:HASH_BYTES]:
+    if checksum(positions) != data[:CHECKSUM_BYTES]:
         raise damaged("The decoded vertices are not those that were encoded.")
     return positions

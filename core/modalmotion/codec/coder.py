@@ -18,8 +18,6 @@ from modalmotion.errors import MalformedFileError, ModalMotionError
 from modalmotion.numeric.native import run
 from modalmotion.representation import Floats, Ints
 
-Ints = Ints
-
 LARGEST_MAGNITUDE: Final = (1 << 40) + 13
 """Larger ones cannot be coded."""
 

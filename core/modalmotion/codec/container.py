@@ -253,7 +253,6 @@ def _up(value: float) -> float:
     return float(near if float(near) >= value else np.nextafter(near, np.float32(np.inf)))
 
 
-Ints = Ints
 Grid = tuple[Topology, tuple[int, ...]]
 
 MOST_RELATIONS: Final = 6

@@ -160,8 +160,6 @@ def _spring_modes(sequence: MeshSequence, cut: spatial_modes.Cut) -> spatial_mod
     return spatial_modes.PatchModes(joined_modes.edges_of(sequence.faces), n, cut)
 
 
-Ints = Ints
-
 QUANTA_PER_RMS: Final = 16
 QUANTA_PER_MAX: Final = 64
 MOST_UNCERTAIN: Final = 1e-2

@@ -18,9 +18,6 @@ import numpy as np
 from modalmotion.numeric.native import run
 from modalmotion.representation import Bools, Floats, Ints
 
-Ints = Ints
-
-
 TILTED: Final = (1, 2)
 """Of the joined modes: the share that the modes left over are turned into."""
 

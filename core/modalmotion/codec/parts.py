@@ -195,9 +195,6 @@ def leading(used: Any) -> int:
     return len(used) if used.all() else int(np.argmin(used))
 
 
-Ints = Ints
-
-
 @dataclass(frozen=True, eq=False)
 class Articulated:
     """A motion, its parts, and the shape that they are maps of.

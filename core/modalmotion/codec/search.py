@@ -11,9 +11,7 @@ import numpy as np
 from modalmotion.arguments.checking import Saved
 from modalmotion.codec import spatial_modes, temporal
 from modalmotion.codec.parts import PRICE, Articulated, Trial, find_parts, leading, rough_bits
-from modalmotion.representation import FloatArray, Floats, Ints, shown
-
-Ints = Ints
+from modalmotion.representation import FloatArray, Floats, shown
 
 
 @dataclass(eq=False)

@@ -18,8 +18,6 @@ from modalmotion.errors import LimitError
 from modalmotion.modes.topologies import CLOSED, OPEN, POLE_OPEN, POLE_POLE, Topology, require_shape
 from modalmotion.representation import Floats, Ints
 
-Ints = Ints
-
 SPRINGS: Final = 2
 """First byte of the section of these modes."""
 

@@ -201,9 +201,6 @@ def _around(magnitude: Floats, half: int, *, itself: bool) -> Floats:
     return window / (2 * half + 1) if itself else (window - magnitude) / (2 * half)
 
 
-Ints = Ints
-
-
 class Temporal(IntEnum):
     """Which temporal basis a block uses."""
 

@@ -16,7 +16,7 @@ from modalmotion.mesh.alignment import reference_positions
 from modalmotion.mesh.sequence import MeshSequence, mesh_sequence
 from modalmotion.modes import Oscillators, State, free_response
 from modalmotion.representation import Floats, shown
-from modalmotion.signature import making
+from modalmotion.signature import making, reconstruction
 from modalmotion.template import Template, body_frame
 from modalmotion.template.template import shapes_of
 from modalmotion.template.vibration_modes import VibrationModes
@@ -56,11 +56,7 @@ def modal_animation(
         negative.
     """
     parameters = signature.parameters
-    if sequence.id != signature.sequence_id:
-        raise ParameterError(
-            "The signature was made from another sequence.",
-            remedy="Give the sequence whose id the signature names.",
-        )
+    used = reconstruction.fitted_on(signature, sequence, template)
     if max_targets is not None and max_targets < 0:
         raise ParameterError(f"{max_targets} targets were requested.", remedy="Ask for 0 or more.")
     along_normal = signature.kind == making.SignatureKind.NORMAL_DISPLACEMENT
@@ -70,8 +66,6 @@ def modal_animation(
             remedy="Fit with kind = material and components = cartesian, or write the superposed "
             "surfaces.",
         )
-    resolved = making.resolve_sequence(sequence, parameters)
-    used = making.resolve_template(resolved, parameters, template)
     start = reference_positions(sequence, parameters.reference)
     centre = used.weights @ start
     # (2) u = sum_p a_p phi_p, each shape taken about its own mean, which moves the whole.

@@ -31,8 +31,8 @@ from modalmotion.pictures.signature import (
 )
 from modalmotion.pictures.track import data_figure, deviations_figure, usual_frame
 from modalmotion.representation import Floats, counted, numeral, with_article
-from modalmotion.signature import SignatureKind, Tradeoff, making
-from modalmotion.signature.mode_names import mode_colour, plain_name
+from modalmotion.signature import Tradeoff, making
+from modalmotion.signature.mode_names import mode_colour, mode_name
 from modalmotion.template import Template
 
 if TYPE_CHECKING:
@@ -131,16 +131,14 @@ def to_html(signature: making.ModalSignature) -> str:
     n = counted(signature.n_frames, "frame")
     motion = float(signature.motion_rms.max())
     order = np.argsort(-signature.deformation_spectrum, kind="stable")[:_MOST_ROWS]
-    components = signature.parameters.components
-    along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
     rows, colours = [], []
     for mode in order.tolist():
         label = signature.modes.labels[mode]
-        name = plain_name(signature.topology, label, components, along_normal=along_normal)
+        name = escape(mode_name(signature, label))
         rms = numeral(float(signature.deformation_spectrum[mode]), of=motion)
         colours.append(mode_colour(label))
         rows.append(
-            f'<tr><td><span style="color:{colours[-1]}">■</span> {escape(name)}</td>'
+            f'<tr><td><span style="color:{colours[-1]}">■</span> {name}</td>'
             f"<td><code>{escape(str(label))}</code></td>"
             f'<td style="text-align:right">{rms}</td></tr>'
         )

@@ -207,13 +207,12 @@ def _recording_row(one: Recording) -> dict[str, Any]:
         ),
     }
     if one.readouts is not None:
-        curve, share = one.readouts.stated, one.readouts.stated.share
-        if one.readouts.unit is not None:
-            row["end_diastolic_volume_ml"] = curve.end_diastolic_volume * one.readouts.millilitres
-            row["end_systolic_volume_ml"] = curve.end_systolic_volume * one.readouts.millilitres
-        if curve.fraction is not None and share is not None and curve.share_range is not None:
-            for end, value in zip(_ENDS, (share, *curve.share_range), strict=True):
-                row[f"{curve.fraction.value}{end}_percent"] = value
+        fraction = one.readouts.stated.fraction
+        for name, figure in one.readouts.stated.figures(one.readouts.shown_in).items():
+            if name == fraction:
+                row.update(zip((f"{name}{end}_percent" for end in _ENDS), figure, strict=True))
+            elif f"{name}_ml" in row and one.readouts.unit is not None:
+                row[f"{name}_ml"] = figure[0]
     rms = np.sqrt(np.mean(np.square(signature.amplitudes), axis=0))
     for label, values in zip(signature.modes.labels, rms, strict=True):
         for direction, value in zip(mode_names.direction_names(signature), values, strict=True):

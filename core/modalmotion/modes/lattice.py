@@ -56,11 +56,8 @@ class Lattice:
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", whole_numbers("shape", self.shape))
         topologies.require_shape(self.topology, self.shape)
-        if isinstance(self.stiffness, tuple):
-            for K in self.stiffness:
-                real("A stiffness", K)
-        else:
-            real("stiffness, one number or a tuple of one for each axis,", self.stiffness)
+        for K in self.stiffnesses:
+            real("stiffness, one number or a tuple of one for each axis,", K)
         real("mass", self.mass)
         for name, value in (("stiffness K", self.stiffnesses), ("mass M", (self.mass,))):
             if not all(math.isfinite(v) and v > 0 for v in value):
@@ -90,7 +87,7 @@ class Lattice:
         """K along each axis."""
         if isinstance(self.stiffness, tuple):
             return self.stiffness
-        return (float(self.stiffness),) * self.topology.n_axes
+        return (self.stiffness,) * self.topology.n_axes
 
     @cached_property
     def squared_speeds(self) -> tuple[Floats, int]:

@@ -265,9 +265,9 @@ def lowest_modes(topology: Topology, n_modes: int, shape: tuple[int, ...] | None
         lattice.
     """
     n_modes = whole("n_modes", n_modes)
-    n_total = None if shape is None else _n_modes_of(topology, shape)
-    if n_modes < 1 or n_modes > _LARGEST_COUNT or (n_total is not None and n_modes > n_total):
-        most = _LARGEST_COUNT if n_total is None else min(n_total, _LARGEST_COUNT)
+    n_total = _LARGEST_COUNT if shape is None else _n_modes_of(topology, shape)
+    most = min(n_total, _LARGEST_COUNT)
+    if not 1 <= n_modes <= most:
         raise ModeCountError(
             f"{n_modes} modes were requested; a {topology} "
             f"{'' if shape is None else f'of {shape} nodes '}has 1 to {most}.",
@@ -354,14 +354,11 @@ def _modes_within(
     for axis, (ends, weight) in enumerate(zip(topology.ends, _weights(topology), strict=True)):
         # h = 2 p at least on non-closed axes
         most = int((bound / weight) ** 0.5 / (1 if ends == CLOSED else 2))
-        n = None if shape is None else shape[axis]
-        if ends == CLOSED:
-            high = most if n is None else min(most, n // 2)
-            low = most if n is None else min(most, (n - 1) // 2)
-            axes.append(np.arange(-low, high + 1, dtype=np.int64))
-        else:
-            high = most if n is None else min(most, n - 1)
-            axes.append(np.arange(high + 1, dtype=np.int64))
+        low, high = (most, most) if ends == CLOSED else (0, most)
+        if shape is not None:
+            n = shape[axis]
+            low, high = min(low, (n - 1) // 2), min(high, n // 2 if ends == CLOSED else n - 1)
+        axes.append(np.arange(-low, high + 1, dtype=np.int64))
     p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, topology.n_axes)
     p = p[squared_keys(topology, p) <= bound]
 

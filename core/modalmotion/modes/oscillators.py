@@ -392,14 +392,7 @@ def exact_step(oscillators: Oscillators, duration: float) -> ExactStep:
         )
     w, c = oscillators.angular_frequencies, np.asarray(oscillators.damping)
     r = responses(w, c, np.full_like(w, duration))
-    if not np.isfinite(r.step).all():
-        mode = int(np.flatnonzero(~np.isfinite(r.step))[0])
-        raise ParameterError(
-            f"After a step of length {duration} the response of mode {mode} exceeds the range "
-            "of float64.",
-            remedy="Use a shorter step, or a time unit in which it is a smaller number.",
-            details={"mode": mode},
-        )
+    _require_range(r.step[None])
     A, B = np.rint(r.kept), np.rint(r.kept_velocity)
     a = np.where(A == 1, -r.lost, r.kept - A)
     b = np.where(B == 1, -r.lost_velocity, r.kept_velocity - B)

@@ -151,10 +151,6 @@ _NAMES: Final[dict[tuple[Ends, ...], str]] = {
 }
 
 
-# A wave has mean square 1/2 along each axis, or each wave vector of closed axes together.
-_SCALES: Final = np.sqrt([1.0, 2.0, 4.0, 8.0])
-
-
 class ModeLabel(NamedTuple):
     """Name of one mode.
 
@@ -177,8 +173,8 @@ class ModeLabel(NamedTuple):
 
 def scales_of(n_waves: Ints) -> Floats:
     """Factors that give shapes with so many waves mean square 1, (modes,) float64."""
-    scales: Floats = _SCALES[n_waves]
-    return scales
+    # A wave has mean square 1/2 along each axis, or each wave vector of closed axes together.
+    return np.asarray(np.sqrt(2.0**n_waves))
 
 
 def odd_at_pole(topology: Topology, wavenumbers: Ints) -> Bools:

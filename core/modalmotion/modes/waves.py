@@ -16,7 +16,6 @@ from modalmotion.modes.mode_set import ModeSet
 from modalmotion.modes.topologies import CLOSED
 from modalmotion.representation import Complexes, Floats, Ints
 
-ComplexArray = Complexes
 Spacing = float | tuple[float, ...]
 
 
@@ -175,7 +174,7 @@ def dynamical_matrices(
     force_constants: Mapping[Any, Floats],
     wavenumbers: Ints,
     mass: float = 1.0,
-) -> ComplexArray:
+) -> Complexes:
     """Dynamical matrix of each wave vector, D(k) = sum K(l) exp(i k l) / M.
 
     The general harmonic potential (4) V = sum u_n' K(l) u_(n+l) / 2 of a lattice on closed axes,
@@ -252,7 +251,7 @@ def polarised_waves(
     force_constants: Mapping[Any, Floats],
     wavenumbers: Ints,
     mass: float = 1.0,
-) -> tuple[Floats, ComplexArray]:
+) -> tuple[Floats, Complexes]:
     """Frequencies and polarisations of the three waves of each wave vector, slow ones first.
 
     Parameters
@@ -288,7 +287,7 @@ def polarised_waves(
     return np.sqrt(np.maximum(w_squared, 0.0)), _fixed_phase(e)
 
 
-def _fixed_phase(e: ComplexArray) -> ComplexArray:
+def _fixed_phase(e: Complexes) -> Complexes:
     """Turn each vector until the first of its largest entries is real and positive."""
     size = np.abs(e)
     # Entries that are equal but for rounding count as equal, so that the first is taken.

@@ -196,7 +196,12 @@ class Norm(Saved):
                 details={"option": "level"},
             )
         own = recording if isinstance(recording, Reading) else self.read(recording)
-        controls = [one for one in self.controls if not _same(one, own)]
+        controls = [
+            one
+            for one in self.controls
+            if one.sequence_id != own.sequence_id
+            and not (one.subject and one.subject == own.subject)
+        ]
         n, fewest = len(controls), fewest_controls(level)
         if n < fewest:
             raise errors.ParameterError(
@@ -206,7 +211,6 @@ class Norm(Saved):
                 f"{math.ceil(1000.0 / (n + 1)) / 1000.0:g}.",
                 details={"n_controls": n, "needed": fewest},
             )
-        is_control = Note.of("is_control")
         bag = [*controls, own]
         names, remarks = _accounted_for(controls, own)
         covariates = covariate_table([one.covariates for one in bag], names)
@@ -241,7 +245,7 @@ class Norm(Saved):
             quantities=_quantities(bag, covariates),
             covariates=tuple(names),
             warnings=_warnings(controls, own),
-            notes=(*self.notes, *[is_control] * (n < self.n_controls), *remarks),
+            notes=(*self.notes, *[Note.of("is_control")] * (n < self.n_controls), *remarks),
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -386,12 +390,6 @@ def _warnings(controls: Sequence[Reading], own: Reading) -> tuple[str, ...]:
             called = f"number of {name}" if name in ("frames", "vertices") else name
             warnings.append(f"{called}: {mine}; of the controls {theirs}.")
     return tuple(warnings)
-
-
-def _same(control: Reading, own: Reading) -> bool:
-    return control.sequence_id == own.sequence_id or (
-        control.subject is not None and control.subject == own.subject
-    )
 
 
 def _at_most(p: float, level: float) -> bool:
@@ -637,9 +635,7 @@ def _require_people(cases: list[TrainingCase]) -> None:
         )
     seen: dict[str, str] = {}
     for case in cases:
-        motion = case.motion
-        own = motion.id if isinstance(motion, MeshSequence) else motion.sequence_id
-        for key in filter(None, (own, case.subject and f"subject {case.subject}")):
+        for key in filter(None, (case.sequence_id, case.subject and f"subject {case.subject}")):
             if key in seen:
                 raise errors.ParameterError(
                     f"{case.name} and {seen[key]} are recordings of one person.",

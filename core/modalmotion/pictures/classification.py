@@ -109,8 +109,7 @@ def _plain(axes: Any) -> None:
     lighten(axes, "top", "right", "left", grid="x")
 
 
-_BLUE = "#2f6690"
-_COLOURS = (_BLUE, "#c8553d", "#5b8e7d", "#8e5572", "#d9a441", "#4a4e69", "#7fb7be", "#a3a847")
+_COLOURS = (_IN_SET, "#c8553d", "#5b8e7d", "#8e5572", "#d9a441", "#4a4e69", "#7fb7be", "#a3a847")
 
 
 def card_figure(card: ModelCard, title: str) -> Figure:
@@ -231,7 +230,7 @@ def _draw_confusion(
     axes.set_xticks(range(len(answers)), [_short(name) for name in answers], fontsize=size)
     axes.set_yticks(range(len(classes)), [_short(name) for name in classes], fontsize=size)
     axes.tick_params(length=0)
-    if _are_long(answers):
+    if len(answers) > 3 and max(map(len, answers)) > 6:
         for label in axes.get_xticklabels():
             label.set(rotation=35, horizontalalignment="right", rotation_mode="anchor")
     axes.set(xlabel="answer", ylabel="true class")
@@ -251,7 +250,7 @@ def _draw_calibration(
     # Repetitions are on the same cases.
     low, high = performance.wilson_interval(share, n_cases / n_repetitions)
     reach = np.maximum([share - low, high - share], 0.0)
-    style = {"color": _BLUE, "marker": "o", "linewidth": 1.5, "capsize": 2, "elinewidth": 1}
+    style = {"color": _IN_SET, "marker": "o", "linewidth": 1.5, "capsize": 2, "elinewidth": 1}
     words = "measured, with its 95 % interval"
     axes.errorbar(probability, share, yerr=reach, label=words, **style)
     axes.legend(loc="lower right", fontsize=8, frameon=False)
@@ -265,7 +264,3 @@ def _say_nothing(axes: Any, text: str) -> None:
 
 def _short(name: str) -> str:
     return name if len(name) <= 22 else f"{name[:20]}…"
-
-
-def _are_long(names: list[str]) -> bool:
-    return len(names) > 3 and max(map(len, names)) > 6

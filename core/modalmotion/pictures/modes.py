@@ -275,7 +275,7 @@ class Extent:
             if is_sheet
             else views.tilted(own, _TILT)
         )
-        self.size = float(np.abs(template.vertices).max()) or 1.0
+        self.size = views.size_of(template)
         corners = []
         for x in positions:
             shown = x / self.size @ self.view

@@ -10,7 +10,7 @@ import numpy as np
 from modalmotion.clinical.readouts import ClinicalReadouts
 from modalmotion.clinical.segments import RegionalMotion
 from modalmotion.clinical.strain import DEFINITIONS, Strain
-from modalmotion.pictures.views import lighten, new_figure
+from modalmotion.pictures.views import lighten, new_figure, time_axis
 from modalmotion.representation import Array, Floats, numeral
 
 if TYPE_CHECKING:
@@ -66,13 +66,11 @@ def volume_figure(readouts: ClinicalReadouts) -> Figure:
 
 def draw_volume(axes: Axes, readouts: ClinicalReadouts, v: Floats, reach: Floats) -> Floats:
     """Draw volumes with a band of their reach, by time in s or by frame, which is returned."""
-    times = readouts.times
-    at = np.arange(len(v), dtype=np.float64) if times is None else times
+    at, label = time_axis(readouts.times, len(v))
     axes.fill_between(at, v - reach, v + reach, color=_SIGNATURE, alpha=0.22, lw=0)
     words = f"from {readouts.n_amplitudes} amplitudes, with its bound"
     axes.plot(at, v, "o-", ms=2.5, lw=1.2, color=_SIGNATURE, label=words)
-    axes.set(xlabel="frame" if times is None else "time (s)")
-    axes.set(ylabel=f"volume ({readouts.volume_unit})")
+    axes.set(xlabel=label, ylabel=f"volume ({readouts.volume_unit})")
     lighten(axes)
     return at
 
@@ -106,7 +104,7 @@ def strain_figure(strain: Strain) -> Figure:
 
 def draw_strain(axes: Axes, strain: Strain, times: Floats | None) -> None:
     """Draw the curves of strain by frame, or by time in s."""
-    at = np.arange(len(strain.curves)) if times is None else times
+    at, label = time_axis(times, len(strain.curves))
     for name, (colour, style) in zip(DEFINITIONS, _CURVES, strict=True):
         place = strain.names.index(name)
         curve, reach = strain.curves[:, place], 2.0 * strain.deviations[:, place]
@@ -114,7 +112,7 @@ def draw_strain(axes: Axes, strain: Strain, times: Floats | None) -> None:
         axes.plot(at, curve, lw=1.2, ls=style, color=colour, label=name)
     axes.legend(fontsize=7, frameon=False, handlelength=1.8, borderaxespad=0.0)
     mark_moments(axes, at, strain.end_diastole, strain.end_systole)
-    axes.set(xlabel="frame" if times is None else "time (s)", ylabel="strain (%)")
+    axes.set(xlabel=label, ylabel="strain (%)")
     axes.locator_params(axis="x", integer=times is None)
     lighten(axes)
 

@@ -11,8 +11,8 @@ from modalmotion.mesh.sequence import MEAN, MM_PER_UNIT, MeshSequence
 from modalmotion.pictures import views
 from modalmotion.representation import Floats, Ints, counted, numeral
 from modalmotion.signature import choice, nested_modes, reconstruction
-from modalmotion.signature.making import ModalSignature, SignatureKind, resolve_sequence
-from modalmotion.signature.mode_names import COLOURS, mode_colour, mode_dash, plain_name
+from modalmotion.signature.making import ModalSignature, resolve_sequence
+from modalmotion.signature.mode_names import COLOURS, mode_colour, mode_dash, mode_name
 from modalmotion.signature.tradeoff import Front, Tradeoff
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def main_trajectories(signature: ModalSignature) -> Floats:
 
 def draw_trajectories(axes: Any, signature: ModalSignature, shown: views.ShownUnit) -> None:
     """Draw amplitudes over time, the largest modes in colour."""
-    at, label = _times(signature)
+    at, label = views.time_axis(signature.times, signature.n_frames)
     trajectories, colours = main_trajectories(signature) / shown.size, _colours(signature)
     # The largest last, so that they are on top.
     for mode in np.argsort(signature.deformation_spectrum, kind="stable"):
@@ -77,7 +77,7 @@ def draw_spectrum(axes: Any, signature: ModalSignature, shown: views.ShownUnit) 
 
 def draw_errors(axes: Any, signature: ModalSignature, shown: views.ShownUnit) -> None:
     """Draw the motion of the surface in each frame, and the error of the amplitudes."""
-    at, label = _times(signature)
+    at, label = views.time_axis(signature.times, signature.n_frames)
     marker = _marker(at)
     motion = signature.motion_rms / shown.size
     rms, largest = signature.rms_errors / shown.size, signature.max_errors / shown.size
@@ -109,20 +109,12 @@ def _colours(signature: ModalSignature) -> list[str]:
 
 def _names(signature: ModalSignature) -> list[str]:
     """Describe each mode, once for a pair, with its label."""
-    components = signature.parameters.components
-    along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
     names, before = [], ""
     for label in signature.modes.labels:
-        name = plain_name(signature.topology, label, components, along_normal=along_normal)
+        name = mode_name(signature, label)
         names.append(str(label) if name == before else f"{name}  {label}")
         before = name
     return names
-
-
-def _times(signature: ModalSignature) -> tuple[Floats, str]:
-    if signature.times is None:
-        return np.arange(signature.n_frames, dtype=np.float64), "frame"
-    return signature.times, "time (s)"
 
 
 def _marker(at: Floats) -> str | None:

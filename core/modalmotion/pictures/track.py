@@ -193,13 +193,14 @@ def overlay_figure(track: Track, images: ImageSequence) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    overlay = _Overlay(track, images.sliced())
+    shown = images.sliced()
     frames = np.unique(np.linspace(0, track.n_frames - 1, _N_PHASES).round().astype(np.int64))
-    rows, columns = overlay.n_planes, len(frames)
+    rows, columns = _n_planes(track, shown), len(frames)
     figure = new_figure(2.0 * columns, 2.0 * rows)
     for column, k in enumerate(frames.tolist()):
         places = [row * columns + column + 1 for row in range(rows)]
-        overlay.draw(k, [figure.add_subplot(rows, columns, place) for place in places])
+        panels = [figure.add_subplot(rows, columns, place) for place in places]
+        _draw_planes(track, shown, k, panels)
     return figure
 
 
@@ -217,12 +218,13 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
     bytes
         Its duration is that of the recording if its times are known, otherwise a second.
     """
-    overlay = _Overlay(track, images.sliced())
-    n = overlay.n_planes
+    shown = images.sliced()
+    n = _n_planes(track, shown)
 
     def drawn(k: int) -> Bytes:
         figure = new_figure(2.4 * n, 2.6, dpi=100)
-        overlay.draw(k, [figure.add_subplot(1, n, place) for place in range(1, n + 1)])
+        panels = [figure.add_subplot(1, n, place) for place in range(1, n + 1)]
+        _draw_planes(track, shown, k, panels)
         return pixels_of(figure)
 
     times = track.sequence.times
@@ -230,37 +232,27 @@ def overlay_gif(track: Track, images: ImageSequence) -> bytes:
     return write_gif(map(drawn, range(track.n_frames)), step)
 
 
-class _Overlay:
-    """Contours of a track over sliced images: what all frames share.
+def _n_planes(track: Track, images: ImageSequence) -> int:
+    first = next(frame for frame in images.frames if frame is not None)
+    return min(_N_PLANES, len(_planes(first, track.sequence.vertices.astype(np.float64))))
 
-    Parameters
-    ----------
-    track : Track
-    images : ImageSequence
-    """
 
-    def __init__(self, track: Track, images: ImageSequence) -> None:
-        self._images = images
-        self._x = track.sequence.vertices.astype(np.float64)
-        self._edges = Edges.of(track.template.faces)
-        self._shifts = () if track.images is None else track.images.shifts
-        first = next(frame for frame in images.frames if frame is not None)
-        self.n_planes = min(_N_PLANES, len(_planes(first, self._x)))
-
-    def draw(self, k: int, all_axes: Sequence[Any]) -> None:
-        """Draw the planes of a frame, each into its axes; a missing frame is empty."""
-        image = self._images.frames[k]
-        chosen = [] if image is None else _planes(image, self._x)
-        all_axes[0].set_title(f"frame {k}", fontsize=8)
-        for axes in all_axes:
-            axes.set_axis_off()
-        for axes, (number, plane) in zip(all_axes, chosen, strict=False):
-            low, high = np.nanpercentile(plane.values.astype(np.float64), (1, 99.5))
-            axes.imshow(plane.values, cmap="gray", vmin=low, vmax=high)
-            shift = np.array(self._shifts[number]) if self._shifts else np.zeros(3)
-            for segment in contours_in(plane, self._x[k], self._edges, shift):
-                axes.plot(segment[:, 1], segment[:, 0], color=_CONTOUR, linewidth=0.8)
-            _zoom(axes, plane, self._x)
+def _draw_planes(track: Track, images: ImageSequence, k: int, all_axes: Sequence[Any]) -> None:
+    """Draw contours over the planes of a frame, each in its axes; a missing frame is empty."""
+    image, x = images.frames[k], track.sequence.vertices.astype(np.float64)
+    shifts = () if track.images is None else track.images.shifts
+    edges = Edges.of(track.template.faces)
+    all_axes[0].set_title(f"frame {k}", fontsize=8)
+    for axes in all_axes:
+        axes.set_axis_off()
+    chosen = [] if image is None else _planes(image, x)
+    for axes, (number, plane) in zip(all_axes, chosen, strict=False):
+        low, high = np.nanpercentile(plane.values.astype(np.float64), (1, 99.5))
+        axes.imshow(plane.values, cmap="gray", vmin=low, vmax=high)
+        shift = np.array(shifts[number]) if shifts else np.zeros(3)
+        for segment in contours_in(plane, x[k], edges, shift):
+            axes.plot(segment[:, 1], segment[:, 0], color=_CONTOUR, linewidth=0.8)
+        _zoom(axes, plane, x)
 
 
 def contours_in(plane: Plane, x: Floats, edges: Edges, shift: Floats) -> Floats:

@@ -34,6 +34,13 @@ def new_figure(width: float, height: float, **options: Any) -> Figure:
     return Figure(figsize=(width, height), **{"dpi": 120, "layout": "constrained", **options})
 
 
+def time_axis(times: Floats | None, n_frames: int) -> tuple[Floats, str]:
+    """Give the times of frames with the name of their axis, or their numbers."""
+    if times is None:
+        return np.arange(n_frames, dtype=np.float64), "frame"
+    return times, "time (s)"
+
+
 def lighten(axes: Any, *sides: str, grid: Literal["both", "x", "y"] = "both") -> None:
     """Draw a light grid, and no frame at these sides: top and right by default."""
     axes.grid(axis=grid, alpha=0.25)

@@ -85,6 +85,12 @@ class Report:
         return INTENDED_USE
 
     @property
+    def versions(self) -> str:
+        """Programs that made it, with their versions."""
+        made_by = self.signature.provenance.items()
+        return ", ".join(f"{name} {value}" for name, value in made_by)
+
+    @property
     def digest(self) -> str:
         """sha256 of what the report is based on, in hex: the recording and each result's origin."""
         signature, answer, deviation = self.signature, self.classification, self.deviation
@@ -189,15 +195,10 @@ def quantities_of(report: Report) -> tuple[Quantity, ...]:
         return ()
     curve, factor = readouts.stated, readouts.shown_in
     unit, ucum = ("ml", "mL") if readouts.unit is not None else ("cubed length units", "1")
-    found = []
-    if curve.fraction is not None and curve.share is not None and curve.share_range is not None:
-        found.append(Quantity(str(curve.fraction), curve.share, *curve.share_range, "%", "%"))
-    for name, value, (low, high) in (
-        ("end_diastolic_volume", curve.end_diastolic_volume, curve.end_diastolic_range),
-        ("end_systolic_volume", curve.end_systolic_volume, curve.end_systolic_range),
-        ("stroke_volume", curve.stroke_volume, curve.stroke_range),
-    ):
-        found.append(Quantity(name, value * factor, low * factor, high * factor, unit, ucum))
+    found = [
+        Quantity(name, *figure, *(("%", "%") if name == curve.fraction else (unit, ucum)))
+        for name, figure in curve.figures(factor).items()
+    ]
     strain = None if report.ventricle is None else report.ventricle.strain
     if strain is not None:
         found += [

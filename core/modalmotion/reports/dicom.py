@@ -34,11 +34,6 @@ class Study:
 
     header: Mapping[str, str]
 
-    @property
-    def frame_of_reference(self) -> str | None:
-        """UID of the instance's frame of reference."""
-        return self.header["FrameOfReferenceUID"] or None
-
     def dataset(self) -> Any:
         """Return the header as a pydicom Dataset."""
         from pydicom.dataset import Dataset
@@ -367,7 +362,7 @@ def surface_instance(
     written.SeriesInstanceUID = uid_of(report, study, "STL series")
     written.SeriesNumber, written.InstanceNumber = SERIES_NUMBER + 1, number
     written.SeriesDescription = "Surfaces of a motion analysis (no medical device)"
-    space = study.frame_of_reference or uid_of(report, study, "space")
+    space = study.header["FrameOfReferenceUID"] or uid_of(report, study, "space")
     written.FrameOfReferenceUID, written.PositionReferenceIndicator = space, ""
     stamp(written, report)
     written.AcquisitionDateTime = ""

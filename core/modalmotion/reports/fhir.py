@@ -75,13 +75,10 @@ def sampled(values: Floats, unit: str, ucum: str, times: Floats | None) -> Resou
         "origin": {"value": 0.0, "unit": unit, "system": UCUM, "code": ucum},
         "period": period,
         "dimensions": table.shape[1],
-        "data": " ".join(_decimal(value) for value in table.ravel().tolist()),
+        "data": " ".join(
+            np.format_float_positional(value, trim="-") for value in table.ravel().tolist()
+        ),
     }
-
-
-def _decimal(value: float) -> str:
-    """Write a number for SampledData, without an exponent."""
-    return np.format_float_positional(value, trim="-")
 
 
 def absent(code: str, text: str) -> Resource:
@@ -194,8 +191,10 @@ def _found(report: Report) -> list[Found]:
     if report.readouts is not None:
         found = [_volumes(report, numbers["volumes"]), *found, _volume_curve(report.readouts)]
     times = report.signature.times
-    if times is not None and not _is_even(times):
-        found.append(_times(times))
+    if times is not None and len(times) > 2:
+        steps = np.diff(times)
+        if np.ptp(steps) > _EVEN * np.median(steps):
+            found.append(_times(times))
     found.append(_class(report, numbers.get("class", ())))
     if report.deviation is not None:
         found.append(_deviation(report, report.deviation, numbers["deviation"]))
@@ -268,13 +267,6 @@ def _times(times: Floats) -> Found:
     )
 
 
-def _is_even(times: Floats) -> bool:
-    if len(times) < 3:
-        return True
-    steps = np.diff(times)
-    return bool(np.ptp(steps) <= _EVEN * np.median(steps))
-
-
 def _fit(report: Report, numbers: Sequence[Number]) -> Found:
     rms, most = numbers
     line = f"The error of the modes is {rms.value:.3g} {rms.unit} (RMS), at most {most.value:.3g}"
@@ -319,10 +311,9 @@ def _provenance(key: uuid.UUID, report: Report, targets: Sequence[Resource]) -> 
         entities.append(("model", report.classification.model_id))
     if report.deviation is not None:
         entities.append(("norm", report.deviation.norm_id))
-    versions = ", ".join(f"{name} {value}" for name, value in signature.provenance.items())
     return {
         **resource(key, "Provenance", "provenance"),
-        "text": narrative(f"Made by {versions}.", *(f"{a} {b}" for a, b in entities)),
+        "text": narrative(f"Made by {report.versions}.", *(f"{a} {b}" for a, b in entities)),
         "target": [{"reference": f"urn:uuid:{one['id']}"} for one in targets],
         "recorded": report.issued.isoformat(),
         "agent": [{"who": reference("Device", key, "device")}],

@@ -46,6 +46,13 @@ _A4: Final = (8.27, 11.69)
 # Letters of a name in the title.
 _LONGEST_NAME: Final = 52
 
+_CAVITIES: Final = {
+    "lv": "left ventricle",
+    "rv": "right ventricle",
+    "la": "left atrium",
+    "ra": "right atrium",
+}
+
 # Letters that fit on a line of the page, and the most lines of caveats.
 _LETTERS: Final = 124
 _MOST_LINES: Final = 14
@@ -84,14 +91,14 @@ def report_figure(report: Report) -> Figure:
     figure = new_figure(*_A4, dpi=110, layout=None)
     title = shorten(report.name, _LONGEST_NAME, placeholder=" ...") or "Motion analysis"
     figure.text(0.07, 0.955, title, fontsize=18, color=_INK, weight="bold")
-    facts = report.sequence.facts
-    stated = [word for word in (facts.modality, _cavity(str(facts.cavity))) if word]
+    facts, span, n_frames = report.sequence.facts, report.sequence.span, report.sequence.n_frames
+    stated = [word for word in (facts.modality, _CAVITIES.get(str(facts.cavity))) if word]
     what = "Motion analysis, " if report.name else ""
     line = (
         f"{what}{report.issued:%Y-%m-%d %H:%M} UTC",
         f"recording {report.sequence_id[:12]}",
         *stated,
-        _duration(report.sequence),
+        f"{counted(n_frames, 'frame')}{'' if span is None else f' in {span:.3g} s'}",
     )
     figure.text(0.07, 0.935, " · ".join(line), fontsize=9, color=_SOFT)
     figure.text(0.93, 0.955, "preliminary", fontsize=11, color="#b5533c", ha="right")
@@ -131,16 +138,6 @@ def report_figure(report: Report) -> Figure:
     return figure
 
 
-def _duration(sequence: MeshSequence) -> str:
-    frames = counted(sequence.n_frames, "frame")
-    return frames if sequence.span is None else f"{frames} in {sequence.span:.3g} s"
-
-
-def _cavity(name: str) -> str:
-    words = {"lv": "left ventricle", "rv": "right ventricle", "la": "left atrium"}
-    return {**words, "ra": "right atrium"}.get(name, "")
-
-
 def _draw_surface(axes: Axes, report: Report, frame: int) -> None:
     from matplotlib.collections import PolyCollection
 
@@ -170,14 +167,10 @@ def _draw_surface(axes: Axes, report: Report, frame: int) -> None:
     axes.add_collection(
         PolyCollection(shown, facecolors=colours, edgecolors="none", rasterized=is_large)
     )
-    _scale_bar(axes, size, sequence.unit)
-
-
-def _scale_bar(axes: Axes, size: float, unit: str | None) -> None:
     length = round_length(0.8 * size)
-    share = length / size
-    axes.plot([-1.0, -1.0 + share], [-1.0, -1.0], color=_INK, lw=1.5)
-    axes.text(-1.0, -0.97, f"{length:g} {unit or 'units'}", fontsize=7, va="bottom", color=_INK)
+    axes.plot([-1.0, -1.0 + length / size], [-1.0, -1.0], color=_INK, lw=1.5)
+    words = f"{length:g} {sequence.unit or 'units'}"
+    axes.text(-1.0, -0.97, words, fontsize=7, va="bottom", color=_INK)
 
 
 def _write_quantities(figure: Figure, report: Report) -> None:
@@ -202,11 +195,9 @@ def _write_words(figure: Figure, report: Report) -> None:
             filled = [*filled[: most - 1], "… the rest is in the other files of this report"]
         figure.text(0.07, y - 0.018, "\n".join(filled), fontsize=8, color=colour, va="top")
         y -= _TITLE + _LINE * len(filled)
-    signature = report.signature
-    versions = ", ".join(f"{name} {value}" for name, value in signature.provenance.items())
     answer = report.classification
     model = [] if answer is None else [f"model {answer.model} {answer.model_id}"]
-    origin = (f"recording {report.sequence_id}", *model, f"report {report.digest}", versions)
+    origin = (f"recording {report.sequence_id}", *model, f"report {report.digest}", report.versions)
     origin = (*origin, report.intended_use)
     text = "\n".join(fill(line, 132) for line in origin)
     figure.text(0.07, 0.03, text, fontsize=6.5, color=_SOFT, va="bottom")
@@ -254,7 +245,7 @@ def _sections(report: Report) -> list[tuple[str, list[str], str]]:
     ]
 
 
-_FILES: Final[dict[str, Callable[[Report, View], bytes]]] = {
+FILES: Final[dict[str, Callable[[Report, View], bytes]]] = {
     "report.pdf": lambda found, _: report_pdf(found),
     "report.fhir.json": lambda found, _: fhir_json(found),
     "frames.csv": lambda found, _: (
@@ -262,8 +253,9 @@ _FILES: Final[dict[str, Callable[[Report, View], bytes]]] = {
     ),
     "view.html": lambda _, view: view_page([view]).encode(),
 }
+"""Its files by name, each made of the report and the page on which the surface moves."""
 
-REPORT_SUFFIXES: Final = tuple(Path(name).suffix for name in _FILES)
+REPORT_SUFFIXES: Final = tuple(Path(name).suffix for name in FILES)
 """Ends of the names of its files."""
 
 
@@ -340,10 +332,10 @@ def write_report(found: Report, path: Path, view: View) -> list[Path]:
     list of Path
         Of the files.
     """
-    paths = {name: path for name in _FILES if Path(name).suffix == path.suffix.lower()}
+    paths = {name: path for name in FILES if Path(name).suffix == path.suffix.lower()}
     if not paths:
         path.mkdir(parents=True, exist_ok=True)
-        paths = {name: path / name for name in _FILES}
+        paths = {name: path / name for name in FILES}
     for name, file in paths.items():
-        write_atomic(file, _FILES[name](found, view))
+        write_atomic(file, FILES[name](found, view))
     return [*paths.values()]

@@ -150,14 +150,13 @@ class ModelChoice:
     def from_json(values: dict[str, Any]) -> "ModelChoice":
         """Read what `plain` gives of it."""
         noise = values["noise"]
-        return ModelChoice(
-            asked=values["asked"],
-            limit=values["limit"],
-            limit_of=ErrorKind(values["limit_of"]),
-            noise=None if noise is None else Noise(**noise),
-            scene=SceneKind(values["scene"]),
-            errors={SceneKind(k): SceneError(**e) for k, e in values["errors"].items()},
-        )
+        own = {
+            "limit_of": ErrorKind(values["limit_of"]),
+            "noise": noise and Noise(**noise),
+            "scene": SceneKind(values["scene"]),
+            "errors": {SceneKind(k): SceneError(**e) for k, e in values["errors"].items()},
+        }
+        return ModelChoice(**{**values, **own})
 
     def notes(self, fit: Fit, unit: str | None) -> list[Note]:
         """Describe what the choice rests on."""

@@ -17,7 +17,7 @@ A template that is made of the sequence itself has axes with errors too, of the 
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -95,10 +95,10 @@ def amplitude_deviations(
             x = turned if along_normal else alignment.reference_positions(sequence, reference)
             x = x / unit
             q = _answers(x, template, directions, along_normal=along_normal)
-            rigid = _rigid(
+            moves, sizes = _rigid(
                 x, template, q, along_normal=along_normal, remove_rotation=remove_rotation
             )
-            parts = _parts(basis.projector, q, rigid, uncertainty)
+            parts = _parts(basis.projector, q, moves, sizes, uncertainty)
         variances = parts[0] * rest[f] ** 2
         if len(parts[1][0, 0]):
             L = (parts[1] @ R.T).reshape(variances.size, -1) / unit
@@ -140,22 +140,6 @@ def turns_of_axes(placement: Placement, uncertainty: Uncertainty, rotations: Flo
     return turns
 
 
-@dataclass(frozen=True, eq=False)
-class _Rigid:
-    """Rigid motions that the fit takes out.
-
-    Parameters
-    ----------
-    moves : (vertices, 3, k) float64
-        Displacement of each vertex by each.
-    sizes : (k, vertices, 3) float64
-        How much of each is in an error of each vertex.
-    """
-
-    moves: Floats
-    sizes: Floats
-
-
 def _answers(
     x: Floats, template: Template, directions: Floats | None, *, along_normal: bool
 ) -> Floats:
@@ -176,25 +160,33 @@ def _answers(
 
 def _rigid(
     x: Floats, template: Template, q: Floats, *, along_normal: bool, remove_rotation: bool
-) -> _Rigid:
-    """Rigid motions in an error of a frame's positions."""
+) -> tuple[Floats, Floats]:
+    """Find the rigid motions that the fit takes out of errors of a frame's positions.
+
+    Returns
+    -------
+    moves : (vertices, 3, k) float64
+        Displacement of each vertex by each.
+    sizes : (k, vertices, 3) float64
+        How much of each is in an error of each vertex.
+    """
     w = template.weights
     if not along_normal:
         if not remove_rotation:
-            return _Rigid(np.zeros((len(x), 3, 0)), np.zeros((0, len(x), 3)))
+            return np.zeros((len(x), 3, 0)), np.zeros((0, len(x), 3))
         r = x - w @ x
         turns = np.stack([np.cross(axis, r) for axis in np.eye(3)], axis=2)
         inertia = np.einsum("v,vik,vil->kl", w, turns, turns)
         sizes = (
             np.linalg.pinv(inertia, hermitian=True) @ (turns * w[:, None, None]).reshape(-1, 3).T
         )
-        return _Rigid(turns, sizes.reshape(3, len(x), 3))
+        return turns, sizes.reshape(3, len(x), 3)
     areas = mesh.vertex_areas(x, template.faces)
     centroid = areas @ x / (float(areas.sum()) or 1.0)
     drift = mesh.mean_slopes(x, template.faces, (x - centroid).T, np.eye(3)[:, None])
     shifts = np.broadcast_to(np.eye(3), (len(x), 3, 3))
     if not remove_rotation:
-        return _Rigid(shifts, drift)
+        return shifts, drift
     r = x - centroid
     along = q[:, 0]
     slopes = np.cross(r, along)
@@ -206,25 +198,27 @@ def _rigid(
     heights -= np.tensordot(weighted.T @ along, drift, axes=1)
     turn = np.linalg.solve(A, heights.reshape(3, -1)).reshape(3, len(x), 3)
     turns = np.stack([np.cross(axis, r) for axis in np.eye(3)], axis=2)
-    return _Rigid(np.concatenate([shifts, turns], axis=2), np.concatenate([drift, turn]))
+    return np.concatenate([shifts, turns], axis=2), np.concatenate([drift, turn])
 
 
-def _parts(P: Floats, q: Floats, rigid: _Rigid, uncertainty: Uncertainty) -> tuple[Floats, Floats]:
+def _parts(
+    P: Floats, q: Floats, moves: Floats, of_errors: Floats, uncertainty: Uncertainty
+) -> tuple[Floats, Floats]:
     """Find variances of amplitudes by errors apart of variance 1, (modes, n).
 
     And amplitudes by the errors in modes, (modes, n, shapes, 3).
     """
     n_modes, n_vertices = P.shape
-    n, k, m = q.shape[1], len(rigid.sizes), uncertainty.shapes.shape[1]
+    n, k, m = q.shape[1], len(of_errors), uncertainty.shapes.shape[1]
     # How much each rigid motion adds to each amplitude.
-    answers = np.einsum("vic,vck->vik", q, rigid.moves).reshape(n_vertices, n * k)
+    answers = np.einsum("vic,vck->vik", q, moves).reshape(n_vertices, n * k)
     of_rigid = (P @ answers).reshape(n_modes, n, k)
     # Errors apart: each vertex counts with its own, and with those that are the same.
     squares = (P**2) @ (uncertainty.alike[:, None] * (q**2).sum(axis=2))
-    spread = rigid.sizes * uncertainty.alike[:, None]
+    spread = of_errors * uncertainty.alike[:, None]
     mixed = np.einsum("vic,kvc->vik", q, spread).reshape(n_vertices, n * k)
     mixed = (P @ mixed).reshape(n_modes, n, k)
-    gram = np.einsum("kvc,lvc->kl", spread, rigid.sizes)
+    gram = np.einsum("kvc,lvc->kl", spread, of_errors)
     variances = squares - 2.0 * (mixed * of_rigid).sum(axis=2)
     variances += np.einsum("jik,kl,jil->ji", of_rigid, gram, of_rigid)
     L = np.empty((n_modes, n, m, 3))
@@ -233,7 +227,7 @@ def _parts(P: Floats, q: Floats, rigid: _Rigid, uncertainty: Uncertainty) -> tup
         for c in range(3):
             for i in range(n):
                 L[:, i, :, c] = (P * q[:, i, c]) @ uncertainty.shapes
-            sizes[:, :, c] = rigid.sizes[:, :, c] @ uncertainty.shapes
+            sizes[:, :, c] = of_errors[:, :, c] @ uncertainty.shapes
         L -= np.tensordot(of_rigid, sizes, axes=1)
     return variances, L
 

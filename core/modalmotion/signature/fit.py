@@ -25,8 +25,8 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.mesh.spring_modes import Modes, whole_counts
 from modalmotion.numeric.scales import exceeded_by_a_twentieth, orthonormal, root_mean_square
 from modalmotion.representation import Floats, Ints, shown
+from modalmotion.signature.normal_displacements import NormalDisplacements, normal_displacements_of
 from modalmotion.signature.parameters import ErrorKind, SignatureKind, SignatureParameters
-from modalmotion.signature.superposition import NormalDisplacements, normal_displacements_of
 from modalmotion.template import Template, body_frame
 from modalmotion.template.template import shapes_of
 

@@ -118,7 +118,8 @@ def signature_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> making.Moda
         parameters = parameters_from_json(contents.json("parameters", dict))
         sizes = {"direction": parameters.n_directions, "coordinate": 3, "row": 3, "column": 3}
         arrays = contents.table(_ARRAYS, sizes, optional=_OPTIONAL)
-        known = contents.arrays
+        facts = contents.json("facts", dict) if "facts" in contents.arrays else {}
+        chosen = contents.json("choice", dict) if "choice" in contents.arrays else {}
         return making.ModalSignature(
             **{**arrays, "lengths": tuple(arrays["lengths"].tolist())},
             modes=_modes(contents, sizes),
@@ -130,12 +131,8 @@ def signature_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> making.Moda
             template_id=contents.text("template_id"),
             notes=notes_from_json(contents.json("notes", list)),
             provenance=contents.json("provenance", dict),
-            choice=(
-                choice.ModelChoice.from_json(contents.json("choice", dict))
-                if "choice" in known
-                else None
-            ),
-            facts=facts_from_json(contents.json("facts", dict) if "facts" in known else {}),
+            choice=choice.ModelChoice.from_json(chosen) if chosen else None,
+            facts=facts_from_json(facts),
         )
 
 

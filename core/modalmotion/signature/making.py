@@ -260,16 +260,8 @@ def _notes_on_parting(sequence: MeshSequence, template: Template) -> list[Note]:
     apart = merged[(x[:, merged] != x[:, first[merged]]).any(axis=(0, 2))]
     if not len(apart):
         return []
-    return [
-        (
-            Note.of(
-                "merged_vertices_apart",
-                vertices=counted(len(apart), "vertex", "vertices"),
-                first=apart[0],
-                other=first[apart[0]],
-            )
-        )
-    ]
+    vertices, other = counted(len(apart), "vertex", "vertices"), first[apart[0]]
+    return [Note.of("merged_vertices_apart", vertices=vertices, first=apart[0], other=other)]
 
 
 def _notes_on_sequence(sequence: MeshSequence, reference: Reference) -> list[Note]:
@@ -337,10 +329,8 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
         after = _lengths(sequence.vertices[suspect].astype(np.float64), sides, extent)
         length = float(np.median(after))
         if not usual / _FACTOR <= length <= usual * _FACTOR:
-            text = Note.of(
-                "frame_unlike", frame=suspect, ratio=length / usual if usual > 0 else np.inf
-            )
-            return [text]
+            ratio = length / usual if usual > 0 else np.inf
+            return [Note.of("frame_unlike", frame=suspect, ratio=ratio)]
     growth = np.full(len(start), np.inf)
     np.minimum.at(growth, sides.ravel(), np.repeat(after - before, 2))
     growth[np.isinf(growth)] = 0.0
@@ -349,7 +339,7 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
         return []
     vertex = int(growth.argmax())
     more = "" if len(strays) == 1 else f" ({len(strays)} such vertices in this frame)"
-    text = Note.of(
+    note = Note.of(
         "vertex_astray",
         frame=frame,
         vertex=vertex,
@@ -357,7 +347,7 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
         unit=unit,
         more=more,
     )
-    return [text]
+    return [note]
 
 
 def _lengths(vertices: Floats, sides: Ints, extent: float) -> Floats:

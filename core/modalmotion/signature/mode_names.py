@@ -60,6 +60,13 @@ def direction_names(signature: ModalSignature) -> tuple[str, ...]:
     return ("radial", "tangential", "axial")
 
 
+def mode_name(signature: ModalSignature, label: ModeLabel) -> str:
+    """Describe how the surface moves in a mode of a signature: see `plain_name`."""
+    along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
+    components = signature.parameters.components
+    return plain_name(signature.topology, label, components, along_normal=along_normal)
+
+
 _Names = dict[tuple[int, ...], str]
 
 # Along x, y and z a contraction is x cos + y sin: one wave around. By radial, tangential and

@@ -126,11 +126,6 @@ class Energies:
     overlaps: Floats | None = None
     cross: Floats | None = None
 
-    @property
-    def n_frames(self) -> int:
-        """Number of frames."""
-        return len(self.coefficients)
-
     def rms(self, counts: Ints) -> Floats:
         """RMS error of the first so many modes over all frames.
 
@@ -143,7 +138,7 @@ class Energies:
         -------
         (sets,) float64, length unit
         """
-        by_mode = self._added(self.coefficients, self.cross).sum(axis=0) / self.n_frames
+        by_mode = self._added(self.coefficients, self.cross).sum(axis=0) / len(self.coefficients)
         squares = float(self.outside.mean()) + _dropped(by_mode)[counts]
         rms: Floats = self.scale * np.sqrt(np.maximum(squares, 0.0))
         return rms
@@ -156,8 +151,7 @@ class Energies:
         (sets, harmonics + 1) float64, length unit
             From 0 harmonics to the largest number available.
         """
-        f = self.n_frames
-        T = harmonics.functions
+        f, T = len(self.coefficients), harmonics.functions
         along, beyond = _split(self.coefficients, T)
         cross_along, cross_beyond = (None, None) if self.cross is None else _split(self.cross, T)
         by_function = self._added(along, cross_along) / f
@@ -313,6 +307,11 @@ def n_functions(harmonics: int) -> int:
     return 2 * harmonics + 2
 
 
+def numbers_of_path(n_frames: int, harmonics: int | None) -> int:
+    """Count the numbers of each amplitude's path, limited to harmonics or not."""
+    return n_frames if harmonics is None else min(n_functions(harmonics), n_frames)
+
+
 def harmonics_of(n_frames: int, times: Floats | None) -> Harmonics:
     """Make the functions of time of a sequence, as many as its frames tell apart.
 
@@ -353,10 +352,8 @@ def required_harmonics(fitter: Fitter) -> Harmonics:
     ------
     ParameterError
     """
-    available, harmonics = (
-        harmonics_of(fitter.sequence.n_frames, fitter.sequence.times),
-        fitter.parameters.harmonics or 0,
-    )
+    available = harmonics_of(fitter.sequence.n_frames, fitter.sequence.times)
+    harmonics = fitter.parameters.harmonics or 0
     if harmonics > available.most:
         raise ParameterError(
             f"{harmonics} harmonics cannot be distinguished in {fitter.sequence.n_frames} frames.",

@@ -64,10 +64,6 @@ class SmoothNoise:
             np.divide(field, np.sqrt(squares / n_counted), out=fields[k])
         return SmoothNoise(edges, fields)
 
-    def coefficients(self, rows: Floats) -> Floats:
-        """Coefficients rows @ field of shapes, (mixings, modes, fields) float64."""
-        return np.stack([rows @ field for field in self.fields])
-
     def beside(self, k: int) -> float:
         """Correlation of neighbours after `MIXINGS[k]` mixings."""
         if not len(self.edges):
@@ -248,7 +244,7 @@ def bands_of(
     paths = [*np.array_split(c[shift:], n_bands), left]
     # A small product for each direction: one thread does it.
     grams = [x.transpose(1, 2, 0) @ x.transpose(1, 0, 2) for x in paths]
-    own = noise.coefficients(rows)
+    own = np.stack([rows @ field for field in noise.fields])
     bands = [products_of(part) for part in np.array_split(own[:, shift:], n_bands, axis=1)]
     # What orthonormal shapes leave has the products that theirs lack.
     parts = np.stack([*bands, products_of(noise.fields, weights) - products_of(own)], axis=1)

@@ -89,7 +89,7 @@ class SignatureParameters:
     kind : SignatureKind
         Whether amplitudes follow the vertices, or measure the surface along its reference's
         normals. NORMAL_DISPLACEMENT has one amplitude a mode, and does not see where on the surface
-        the vertices are: see `modalmotion.signature.superposition`.
+        the vertices are: see `modalmotion.signature.normal_displacements`.
     volumes : bool
         Whether the signature has the volume that the surface encloses in each frame. Models may
         read it.
@@ -167,16 +167,10 @@ class SignatureParameters:
             **dict.fromkeys(("modes", "harmonics"), whole),
             "tolerance": real,
             **dict.fromkeys(("remove_rotation", "auto", "volumes", "deviations"), truth),
-            **{
-                name: partial(one_of, words=words)
-                for name, words in (
-                    ("components", body_frame.Components),
-                    ("tolerance_of", ErrorKind),
-                    ("kind", SignatureKind),
-                )
-            },
-            "topology": _name,
-            "template": _name,
+            "components": partial(one_of, words=body_frame.Components),
+            "tolerance_of": partial(one_of, words=ErrorKind),
+            "kind": partial(one_of, words=SignatureKind),
+            **dict.fromkeys(("topology", "template"), _name),
         }
         if self.reference != sequence.MEAN:
             takes["reference"] = whole

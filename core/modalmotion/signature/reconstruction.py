@@ -7,13 +7,14 @@ import numpy as np
 import scipy
 
 from modalmotion.errors import ParameterError, ShapeError
-from modalmotion.mesh.alignment import Rotations
+from modalmotion.mesh.alignment import Rotations, reference_positions
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import Floats, Ints, shown
 from modalmotion.signature import making
-from modalmotion.signature.superposition import Superposition
+from modalmotion.signature.normal_displacements import normal_reference
 from modalmotion.signature.value import LENGTHS_OF_FRAMES
 from modalmotion.template import Template
+from modalmotion.template.body_frame import Components, from_local, local_frames
 from modalmotion.template.template import shapes_of
 
 
@@ -48,20 +49,22 @@ def reconstruct(
     ParameterError
         If the sequence is not the one the signature was made from.
     """
-    parameters = signature.parameters
-    used = fitted_on(signature, sequence, template)
-    shapes, reference = shapes_of(signature.modes, used), parameters.reference
-    if parameters.kind == making.SignatureKind.NORMAL_DISPLACEMENT:
-        on = Superposition.of_normal_displacements(sequence, used, shapes, reference=reference)
-    else:
-        components = parameters.components
-        on = Superposition.on(sequence, used, shapes, reference=reference, components=components)
+    parameters, used = signature.parameters, fitted_on(signature, sequence, template)
+    start = reference_positions(sequence, parameters.reference)
     rows = slice(None) if frames is None else np.asarray(frames)
-    return on.positions(
-        signature.amplitudes[rows],
-        signature.rotations.matrices[rows],
-        signature.translations[rows],
-    )
+    drift = signature.translations[rows][:, None]
+    # (2) u = sum_p a_p phi_p, of Nastar (1994)
+    u = shapes_of(signature.modes, used) @ signature.amplitudes[rows]
+    centre = used.weights @ start
+    if parameters.kind == making.SignatureKind.NORMAL_DISPLACEMENT:
+        directions, centre = normal_reference(used, start)
+        # Displacements contain the path of the centroid, normal displacements do not.
+        u = from_local(u, directions) + drift
+    elif parameters.components != Components.CARTESIAN:
+        u = from_local(u, local_frames(used))
+    # R (x - c + u - d) + c + d, so written that what does not move stays to the last bit.
+    turns = (signature.rotations.matrices[rows] - np.eye(3)).transpose(0, 2, 1)
+    return np.asarray(start + u + (start - centre + u - drift) @ turns)
 
 
 def fitted_on(
@@ -218,12 +221,9 @@ def _phases(phases: Floats | list[float] | float | int) -> Floats:
 def _between(own: Floats, x: Floats, interpolation: Interpolation, at: Floats) -> Floats:
     """Positions at phases, through those of the frames, round the cycle."""
     around, closed = np.append(own, own[0] + 1.0), np.concatenate([x, x[:1]])
-    if interpolation == "cubic":
-        spline = scipy.interpolate.CubicSpline(around, closed, bc_type="periodic")
-    else:
-        spline = scipy.interpolate.make_interp_spline(around, closed, k=1)
-    positions: Floats = spline(own[0] + np.mod(at - own[0], 1.0))
-    return positions
+    degree, ends = (3, "periodic") if interpolation == "cubic" else (1, None)
+    spline = scipy.interpolate.make_interp_spline(around, closed, degree, bc_type=ends)
+    return np.asarray(spline(own[0] + np.mod(at - own[0], 1.0)))
 
 
 def _left_out(own: Floats, x: Floats, interpolation: Interpolation, reach: int) -> Floats:
@@ -277,7 +277,8 @@ def at_times(signature: making.ModalSignature, times: Floats) -> making.ModalSig
     ParameterError
         If `times` is empty, or one is outside the recording.
     """
-    own = _times_of(signature)
+    own = np.arange(signature.n_frames, dtype=np.float64)
+    own = own if signature.times is None else signature.times
     instants = np.asarray(times, dtype=np.float64)
     outside = ~((instants >= own[0]) & (instants <= own[-1]))
     if instants.ndim != 1 or not len(instants) or outside.any():
@@ -309,9 +310,3 @@ def at_times(signature: making.ModalSignature, times: Floats) -> making.ModalSig
         times=instants,
         amplitude_deviations=None if deviations is None else deviations[nearest],
     )
-
-
-def _times_of(signature: making.ModalSignature) -> Floats:
-    if signature.times is not None:
-        return signature.times
-    return np.arange(signature.n_frames, dtype=np.float64)

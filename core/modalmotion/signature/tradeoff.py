@@ -17,8 +17,8 @@ from modalmotion.signature.fit import Fitter, make_basis
 from modalmotion.signature.nested_modes import (
     energies_of,
     harmonics_of,
-    n_functions,
     nested_modes,
+    numbers_of_path,
     required_harmonics,
 )
 from modalmotion.signature.noise import Noise
@@ -85,10 +85,7 @@ class Front:
 
     def numbers(self, modes: int, harmonics: int | None = None) -> int:
         """Amplitudes of the whole trajectory, limited to harmonics or not."""
-        per_path = self.n_frames
-        if harmonics is not None:
-            per_path = min(n_functions(harmonics), self.n_frames)
-        return 3 * modes * per_path
+        return 3 * modes * numbers_of_path(self.n_frames, harmonics)
 
 
 def _other_topologies(fitter: Fitter) -> tuple[Topology, ...]:
@@ -208,8 +205,8 @@ def price_of(signature: ModalSignature, milliseconds: Mapping[str, float] | None
         Times measured during the fit.
     """
     f, harmonics = signature.n_frames, signature.parameters.harmonics
-    per_path = f if harmonics is None else min(n_functions(harmonics), f)
-    numbers, coordinates = signature.n_amplitudes * per_path, 3 * signature.n_vertices
+    numbers = signature.n_amplitudes * numbers_of_path(f, harmonics)
+    coordinates = 3 * signature.n_vertices
     factor = 1.0 if signature.unit is None else MM_PER_UNIT[signature.unit]
     return Price(
         rms_error=factor * signature.rms_error,

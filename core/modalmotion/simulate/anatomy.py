@@ -60,24 +60,13 @@ class FieldLattice:
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
     def at(self, fields: Floats, points: Floats) -> Floats:
-        """Interpolate fields (n, fields) at points (m, 3); beyond the lattice as at its border.
-
-        Trilinear, all fields by the same eight shares.
-        """
-        most = np.array(self.shape) - 1
-        place = np.clip((points - self.origin) / _STEP, 0.0, most)
-        cell = np.minimum(place.astype(np.int64), most - 1)
-        t = (place - cell).astype(np.float32)
-        _, ny, nz = self.shape
-        first = (cell[:, 0] * ny + cell[:, 1]) * nz + cell[:, 2]
-        table = fields.astype(np.float32)
-        found = np.zeros((len(points), fields.shape[1]), dtype=np.float32)
-        for i, j, k in np.ndindex(2, 2, 2):
-            share = np.ones(len(points), dtype=np.float32)
-            for axis, upper in enumerate((i, j, k)):
-                share *= t[:, axis] if upper else 1.0 - t[:, axis]
-            found += share[:, None] * table[first + (i * ny + j) * nz + k]
-        return found.astype(np.float64)
+        """Interpolate fields (n, fields) at points (m, 3); beyond the lattice as at its border."""
+        places = ((points - self.origin) / _STEP).T
+        found = [
+            scipy.ndimage.map_coordinates(one.reshape(self.shape), places, order=1, mode="nearest")
+            for one in fields.T
+        ]
+        return np.stack(found, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,15 +104,17 @@ class Anatomy:
         low, high = x.min(axis=(0, 1)) - _MARGIN, x.max(axis=(0, 1)) + _MARGIN
         shape = tuple(int(np.ceil(n)) + 1 for n in (high - low) / _STEP)
         self.lattice = FieldLattice(low, shape)
-        self._x, self._faces, self._trabeculae = x, truth.faces, trabeculae
-        n, m = truth.grid or (0, 0)
-        self._grid = (n, m)
+        self._rows = x.reshape(truth.n_frames, *(truth.grid or (0, 0)), 3)
+        self._faces, self._trabeculae = truth.faces, trabeculae
         texture = scipy.ndimage.gaussian_filter(rng.normal(size=shape), _TEXTURE / _STEP).ravel()
         self.texture = (texture - texture.min()) / np.ptp(texture)
         self._areas = np.array([face_areas(frame, truth.faces).sum() for frame in x])
-        cavity = Cavity(truth.faces)
-        self._outward = float(np.sign(cavity.volume(x[0])))
-        self._radii = self._radii_of()
+        self._outward = float(np.sign(Cavity(truth.faces).volume(x[0])))
+        muscles = range(len(_PAPILLARY))
+        axes = [[np.subtract(*self._segment(f, k)) for k in muscles] for f in range(len(x))]
+        lengths = np.linalg.norm(axes, axis=2)
+        # mm by frame and muscle: pi r^2 length stays.
+        self._radii = np.array([m[-1] for m in _PAPILLARY]) * np.sqrt(lengths[0] / lengths)
 
     @property
     def papillary_volume(self) -> float:
@@ -140,17 +131,16 @@ class Anatomy:
 
     def at(self, frame: int) -> Tissues:
         """Compute all tissues in one frame."""
-        p, x = self.lattice.points, self._x[frame]
-        cavity = self._distance(p, x)
+        p, rows = self.lattice.points, self._rows[frame]
+        cavity = self._distance(p, rows)
         wall = cavity - _WALL * self._areas[0] / self._areas[frame]
         papillary = np.full(len(p), _FAR)
         for k in range(len(_PAPILLARY)):
-            capsule = _capsule(p, *self._segment(frame, k), float(self._radii[frame, k]))
-            papillary = np.minimum(papillary, capsule)
-        rows = x.reshape(*self._grid, 3)
-        base, apex, ring = rows[-1].mean(axis=0), rows[0].mean(axis=0), rows[-1]
-        axis = (base - apex) / np.linalg.norm(base - apex)
-        septum = rows[self._grid[0] // 2, int(_SEPTUM * self._grid[1])]
+            # A rod with round ends.
+            away = np.linalg.norm(p - _foot(p, *self._segment(frame, k)), axis=1)
+            papillary = np.minimum(papillary, away - self._radii[frame, k])
+        apex, base, axis = _axis_of(rows)
+        septum = rows[len(rows) // 2, int(_SEPTUM * rows.shape[1])]
         out = septum - apex - ((septum - apex) @ axis) * axis
         out /= np.linalg.norm(out)
         half, away = _RIGHT
@@ -160,7 +150,7 @@ class Anatomy:
         right = np.maximum((size - 1.0) * min(half), -(wall - 1.0))
         up = (p - base) @ axis
         aside = np.linalg.norm(p - base - up[:, None] * axis, axis=1)
-        opening = float(np.linalg.norm(ring - base, axis=1).mean())
+        opening = float(np.linalg.norm(rows[-1] - base, axis=1).mean())
         # No edge at the valve: blood continues, as wide as the ring and then wider.
         atrium = np.maximum(-(up + 2.0), aside - opening - 0.3 * np.maximum(up, 0.0))
         muscle = self._muscle(frame, cavity, 1.0 + up / float(np.linalg.norm(base - apex)))
@@ -184,9 +174,9 @@ class Anatomy:
         found: Floats = share * inner * (heights < 1.0)
         return found
 
-    def _distance(self, p: Floats, x: Floats) -> Floats:
+    def _distance(self, p: Floats, rows: Floats) -> Floats:
         """Signed distance from the closed surface, by the nearest of many places on it."""
-        faces = self._faces
+        faces, x = self._faces, rows.reshape(-1, 3)
         a, b, c = (x[faces[:, i]] for i in range(3))
         shares = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6.0
         spots = [s[0] * a + s[1] * b + s[2] * c for s in shares]
@@ -194,16 +184,13 @@ class Anatomy:
         size = np.linalg.norm(normals, axis=1)
         proper = size > 0
         normals = normals[proper] / size[proper, None]
-        ring = x.reshape(*self._grid, 3)[-1]
-        base = ring.mean(axis=0)
+        apex, base, up = _axis_of(rows)
+        ring = rows[-1]
         lid = [base + t * (ring - base) for t in np.linspace(0.1, 0.95, 12)]
-        up = base - x.reshape(*self._grid, 3)[0].mean(axis=0)
-        up /= np.linalg.norm(up)
         places = np.concatenate([*(s[proper] for s in spots), *lid])
         across = np.concatenate([*[normals] * 4, np.tile(up, (12 * len(ring), 1))])
         # The chest is far away; its distance is not needed.
-        start = x.reshape(*self._grid, 3)[0].mean(axis=0)
-        reach = float(np.linalg.norm(x - _foot(x, start, base), axis=1).max()) + _SHOWN
+        reach = float(np.linalg.norm(x - _foot(x, apex, base), axis=1).max()) + _SHOWN
         signed = np.full(len(p), _FAR)
         near = np.flatnonzero(np.linalg.norm(p - _foot(p, base - 200.0 * up, base), axis=1) < reach)
         d, k = scipy.spatial.cKDTree(places).query(p[near])
@@ -215,28 +202,16 @@ class Anatomy:
 
     def _segment(self, frame: int, k: int) -> tuple[Floats, Floats]:
         turn, low, high, inward, _ = _PAPILLARY[k]
-        rows = self._x[frame].reshape(*self._grid, 3)
-        n, m = self._grid
-        column = int(turn * m)
+        rows = self._rows[frame]
+        n, column = len(rows), int(turn * rows.shape[1])
         root, over = rows[int(low * n), column], rows[int(high * n), column]
         return root, inward * over + (1.0 - inward) * rows[int(high * n)].mean(axis=0)
 
-    def _radii_of(self) -> Floats:
-        """Radius by frame and muscle, mm: pi r^2 length stays."""
-        lengths = np.array(
-            [
-                [np.linalg.norm(np.subtract(*self._segment(f, k))) for k in range(len(_PAPILLARY))]
-                for f in range(len(self._x))
-            ]
-        )
-        radii: Floats = np.array([m[-1] for m in _PAPILLARY]) * np.sqrt(lengths[0] / lengths)
-        return radii
 
-
-def _capsule(p: Floats, start: Floats, end: Floats, radius: float) -> Floats:
-    """Signed distance from a rod with round ends."""
-    distance: Floats = np.linalg.norm(p - _foot(p, start, end), axis=1) - radius
-    return distance
+def _axis_of(rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Middles of the first and the last row, and the direction from one to the other."""
+    apex, base = rows[0].mean(axis=0), rows[-1].mean(axis=0)
+    return apex, base, (base - apex) / np.linalg.norm(base - apex)
 
 
 def _foot(p: Floats, start: Floats, end: Floats) -> Floats:

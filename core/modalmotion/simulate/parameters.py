@@ -3,7 +3,6 @@
 Each time course is 0 at end diastole (t = 0) and again a period later.
 """
 
-import math
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import Any, Final
@@ -129,8 +128,28 @@ TERRITORY_CENTRES: Final[dict[Territory, tuple[float, float]]] = {
 }
 
 
-def _between(default: float, low: float, high: float) -> Any:
+def between(default: float, low: float, high: float) -> Any:
+    """Make the field of a number from `low` to `high`."""
     return field(default=default, metadata={"range": (low, high)})
+
+
+def require_ranges(settings: Any, what: str) -> None:
+    """Check the fields that have a range.
+
+    Raises
+    ------
+    ParameterError
+        Naming the parameter and its range.
+    """
+    for parameter in (one for one in fields(settings) if "range" in one.metadata):
+        value = real(parameter.name, getattr(settings, parameter.name))
+        low, high = parameter.metadata["range"]
+        if not low <= value <= high:
+            raise ParameterError(
+                f"The {what}'s {parameter.name} is {value}.",
+                remedy=f"Use a value from {low} to {high}.",
+                details={"parameter": parameter.name, "least": low, "most": high},
+            )
 
 
 @shown("ejection_fraction", "length", "radius", "period", "akinesia", "delay", "septal_flash")
@@ -202,36 +221,28 @@ class VentricleParameters:
     canine left ventricular myocardium, Circ Res, 1973.
     """
 
-    length: float = _between(88.0, 20.0, 200.0)
-    radius: float = _between(25.0, 5.0, 80.0)
-    truncation: float = _between(118.0, 80.0, 150.0)
-    ejection_fraction: float = _between(0.62, 0.0, 0.85)
-    longitudinal_shortening: float = _between(0.19, 0.0, 0.35)
-    apex_share: float = _between(0.3, 0.0, 1.0)
-    apex_rotation: float = _between(10.0, -30.0, 40.0)
-    base_rotation: float = _between(-4.0, -40.0, 30.0)
-    period: float = _between(0.86, 0.45, 2.0)
-    early_filling: float = _between(0.78, 0.2, 1.0)
-    akinesia: float = _between(0.0, 0.0, 1.5)
-    akinesia_azimuth: float = _between(240.0, -360.0, 360.0)
-    akinesia_height: float = _between(0.3, 0.0, 1.0)
-    akinesia_extent: float = _between(45.0, 10.0, 90.0)
-    delay: float = _between(0.0, 0.0, 0.25)
-    delay_azimuth: float = _between(0.0, -360.0, 360.0)
-    septal_flash: float = _between(0.0, 0.0, 0.8)
-    shape_variation: float = _between(0.0, 0.0, 10.0)
-    motion_variation: float = _between(0.0, 0.0, 10.0)
+    length: float = between(88.0, 20.0, 200.0)
+    radius: float = between(25.0, 5.0, 80.0)
+    truncation: float = between(118.0, 80.0, 150.0)
+    ejection_fraction: float = between(0.62, 0.0, 0.85)
+    longitudinal_shortening: float = between(0.19, 0.0, 0.35)
+    apex_share: float = between(0.3, 0.0, 1.0)
+    apex_rotation: float = between(10.0, -30.0, 40.0)
+    base_rotation: float = between(-4.0, -40.0, 30.0)
+    period: float = between(0.86, 0.45, 2.0)
+    early_filling: float = between(0.78, 0.2, 1.0)
+    akinesia: float = between(0.0, 0.0, 1.5)
+    akinesia_azimuth: float = between(240.0, -360.0, 360.0)
+    akinesia_height: float = between(0.3, 0.0, 1.0)
+    akinesia_extent: float = between(45.0, 10.0, 90.0)
+    delay: float = between(0.0, 0.0, 0.25)
+    delay_azimuth: float = between(0.0, -360.0, 360.0)
+    septal_flash: float = between(0.0, 0.0, 0.8)
+    shape_variation: float = between(0.0, 0.0, 10.0)
+    motion_variation: float = between(0.0, 0.0, 10.0)
 
     def __post_init__(self) -> None:
-        for parameter in fields(self):
-            value = real(parameter.name, getattr(self, parameter.name))
-            low, high = parameter.metadata["range"]
-            if not (math.isfinite(value) and low <= value <= high):
-                raise ParameterError(
-                    f"The ventricle's {parameter.name} is {value}.",
-                    remedy=f"Use a value from {low} to {high}.",
-                    details={"parameter": parameter.name, "least": low, "most": high},
-                )
+        require_ranges(self, "ventricle")
         if self.beat.filled + self.delay > self.period:
             raise ParameterError(
                 f"A wall that is {self.delay} s late is not filled when the next beat comes "

@@ -8,13 +8,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from modalmotion.errors import ParameterError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, Volume
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.representation import Floats, shown
 from modalmotion.simulate import surface, ventricle
 from modalmotion.simulate.anatomy import Anatomy, FieldLattice, Tissues
-from modalmotion.simulate.parameters import VentricleParameters
+from modalmotion.simulate.parameters import VentricleParameters, between, require_ranges
 
 
 class ImageKind(StrEnum):
@@ -52,13 +51,6 @@ _SIDE: Final = 170.0
 
 # Places through a thick slice, whose mean a pixel is.
 _N_THROUGH: Final = 4
-
-_RANGES: Final = {
-    "noise": (0.0, 10.0),
-    "slice_shift": (0.0, 20.0),
-    "coarseness": (0.5, 4.0),
-    "trabeculae": (0.0, 10.0),
-}
 
 # Numbers are stored with the resolution of scanners: brightness 1 is this.
 _UNIT: Final = 1000.0
@@ -113,20 +105,14 @@ class PhantomSettings:
         at end systole; they are within the surface. It ends at four fifths of the height.
     """
 
-    noise: float = 0.05
-    slice_shift: float = 0.0
+    noise: float = between(0.05, 0.0, 10.0)
+    slice_shift: float = between(0.0, 0.0, 20.0)
     papillary: bool = True
-    coarseness: float = 1.0
-    trabeculae: float = 0.0
+    coarseness: float = between(1.0, 0.5, 4.0)
+    trabeculae: float = between(0.0, 0.0, 10.0)
 
     def __post_init__(self) -> None:
-        for name, (least, most) in _RANGES.items():
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise ParameterError(
-                    f"The phantom's {name} is {value}.",
-                    remedy=f"Use a value from {least:g} to {most:g}.",
-                )
+        require_ranges(self, "phantom")
 
 
 def simulate_images(
@@ -173,7 +159,8 @@ def simulate_images(
     elif kind is ImageKind.LABELS:
         geometry = [replace(_stack_along(rows, spacing), n_through=1)]
     else:
-        geometry = [_box(rows, spacing, rng)]
+        turn = scipy.spatial.transform.Rotation.from_rotvec(rng.normal(0.0, 0.4, 3))
+        geometry = [_around(rows, turn.as_matrix(), spacing, np.full(3, 20.0))]
     n_slices = sum(g.shape[2] for g in geometry)
     shifts = _shifts(geometry, n_slices, settings.slice_shift, rng)
     frames = []
@@ -326,11 +313,6 @@ def _around(rows: Floats, axes: Floats, spacing: Floats, margin: Floats) -> _Gri
     i, j, k = (int(np.ceil(n)) + 1 for n in (high - low) / spacing)
     affine = np.column_stack([axes * spacing, axes @ low])
     return _Grid(affine, (i, j, k))
-
-
-def _box(rows: Floats, spacing: Floats, rng: "np.random.Generator") -> _Grid:
-    axes = scipy.spatial.transform.Rotation.from_rotvec(rng.normal(0.0, 0.4, 3)).as_matrix()
-    return _around(rows, axes, spacing, np.full(3, 20.0))
 
 
 def _stack_along(rows: Floats, spacing: Floats) -> _Grid:

@@ -283,20 +283,14 @@ class Pose:
 
 
 def rotation_matrix(vector: Floats) -> Floats:
-    """Rotation by |vector| rad about a vector, (3, 3) float64 (Rodrigues' formula)."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # R = I + sin(a)/a K + (1 - cos(a))/a^2 K^2, with sinc(x) = sin(pi x) / (pi x)
-    half = np.sinc(angle / (2 * np.pi))
-    rotation: Floats = np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half**2 * K @ K
-    return rotation
+    """Rotation by |vector| rad about a vector, (3, 3) float64."""
+    return np.asarray(
+        scipy.spatial.transform.Rotation.from_rotvec(vector).as_matrix(), dtype=np.float64
+    )
 
 
 def random_rotation(rng: "np.random.Generator") -> tuple[float, float, float]:
     """Rotation vector of a rotation drawn evenly from all of them."""
-    q = rng.standard_normal(4)
-    q *= np.copysign(1.0, q[0]) / np.linalg.norm(q)
-    sine = float(np.linalg.norm(q[1:]))
-    x, y, z = 2.0 * np.arctan2(sine, q[0]) * q[1:] / sine
-    return float(x), float(y), float(z)
+    turn = scipy.spatial.transform.Rotation.from_quat(np.roll(rng.standard_normal(4), -1))
+    x, y, z = turn.as_rotvec().tolist()
+    return x, y, z

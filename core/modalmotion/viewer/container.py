@@ -163,15 +163,14 @@ def slices_payload(images: ImageSequence, frame: int = 0, track: Track | None = 
 
 def _window(parts: tuple[Volume | Plane, ...]) -> tuple[float, float]:
     """Give the samples that are black and white: the same in all planes of a frame."""
-    total = sum(part.values.size for part in parts)
-    # Steps of the golden ratio fall in with no row.
-    spread = np.arange(_ENOUGH_SAMPLES) * 0.6180339887498949 % 1.0
-    samples = []
-    for values in (part.values for part in parts):
-        n = -(-_ENOUGH_SAMPLES * values.size // total)
-        places = np.unravel_index((spread[:n] * values.size).astype(np.intp), values.shape)
-        samples.append(np.asarray(values[places], dtype=np.float64))
-    sampled = np.concatenate(samples)
+    rng, total = np.random.default_rng(0), sum(part.values.size for part in parts)
+    samples = [
+        part.values.flat[
+            rng.integers(part.values.size, size=-(-_ENOUGH_SAMPLES * part.values.size // total))
+        ]
+        for part in parts
+    ]
+    sampled = np.concatenate(samples).astype(np.float64)
     known = sampled[np.isfinite(sampled)]
     if not len(known):
         return 0.0, 1.0

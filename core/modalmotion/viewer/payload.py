@@ -23,7 +23,7 @@ from modalmotion.modes.topologies import CUP, CYLINDER, SPHERE
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.pictures.views import upright
 from modalmotion.representation import Floats
-from modalmotion.signature import mode_names, reconstruction, superposition
+from modalmotion.signature import mode_names, normal_displacements, reconstruction
 from modalmotion.signature.making import ModalSignature, SignatureKind
 from modalmotion.template import Template, body_frame
 from modalmotion.template.template import nearest_in_use, shapes_of
@@ -183,7 +183,7 @@ def _placed(
     start = alignment.reference_positions(sequence, signature.parameters.reference)
     if signature.kind != SignatureKind.NORMAL_DISPLACEMENT:
         return used, start, used.weights @ start, None
-    directions, centre = superposition.normal_reference(used, start)
+    directions, centre = normal_displacements.normal_reference(used, start)
     return used, start, centre, directions
 
 
@@ -274,10 +274,14 @@ def _volume(
     try:
         readouts = clinical.clinical_readouts(signature, sequence, template=template)
     except errors.InputError as error:
-        refused = {"refused": error.message}
+        refused = {"refused": error.message, "codes": [error.code]}
         return {**words, **dict.fromkeys(("volume", "strain", "segments"), refused)}
     ventricle = ventricle_readouts(signature, sequence, readouts, template=template)
-    refused = {"refused": " ".join(map(str, ventricle.reasons))}
+    reasons = ventricle.reasons
+    refused = {
+        "refused": " ".join(map(str, reasons)),
+        "codes": [str(note.data["error"]) for note in reasons],
+    }
     rates, regions, strain = ventricle.rates, ventricle.regions, ventricle.strain
     volume, per_mode = _volume_words(readouts, arrays), ventricle.per_mode
     shares = [volume["share"]] if "share" in volume else []
@@ -287,7 +291,7 @@ def _volume(
         "effects": None if per_mode is None else _effect_words(per_mode, names, signature),
         "rates": [] if rates is None else _rate_words(rates, readouts, sequence),
         "strain": refused if strain is None else _strain_words(strain, sequence, arrays),
-        "reasons": notes.notes_as_json(ventricle.reasons),
+        "reasons": notes.notes_as_json(reasons),
         "segments": refused if regions is None else _segment_words(regions, strain, readouts),
     }
 
@@ -370,12 +374,8 @@ def _volume_words(readouts: ClinicalReadouts, arrays: dict[str, NDArray[Any]]) -
         for name, size in zip(moments, ("largest", "smallest"), strict=True)
     )
     difference = "the largest volume less the smallest"
-    values = (
-        (curve.end_diastolic_volume, *curve.end_diastolic_range),
-        (curve.end_systolic_volume, *curve.end_systolic_range),
-        (curve.stroke_volume, *curve.stroke_range),
-    )
-    unit = readouts.volume_unit
+    figures, unit = curve.figures(factor), readouts.volume_unit
+    share = figures.pop(str(curve.fraction), None)
     words: dict[str, Any] = {
         "unit": unit,
         "end_diastole": curve.end_diastole,
@@ -384,18 +384,17 @@ def _volume_words(readouts: ClinicalReadouts, arrays: dict[str, NDArray[Any]]) -
         "is_tracked": readouts.is_tracked,
         "n_openings": readouts.n_openings,
         "figures": [
-            _figure(name, unit, *(factor * one for one in three), definition=definition)
-            for name, definition, three in zip(
-                names, (largest, smallest, difference), values, strict=True
+            _figure(name, unit, *figure, definition=definition)
+            for name, definition, figure in zip(
+                names, (largest, smallest, difference), figures.values(), strict=True
             )
         ],
         "notes": notes.notes_as_json(readouts.notes),
     }
-    if curve.fraction is not None and curve.share is not None and curve.share_range is not None:
+    if curve.fraction is not None and share is not None:
         definition = "difference of volumes over the largest"
         if is_ejected:
             definition = "stroke volume over end-diastolic volume"
-        share = (curve.share, *curve.share_range)
         words["share"] = _figure(curve.fraction.words, "%", *share, definition=definition)
     return words
 
@@ -499,9 +498,7 @@ def wave_name(signature: ModalSignature, template: Template, modes: list[int]) -
     label = signature.modes.labels[modes[0]]
     along_normal = signature.kind == SignatureKind.NORMAL_DISPLACEMENT
     components = signature.parameters.components
-    all_of_it = mode_names.plain_name(
-        signature.topology, label, components, along_normal=along_normal
-    )
+    all_of_it = mode_names.mode_name(signature, label)
     if along_normal or signature.topology not in (CUP, CYLINDER, SPHERE):
         return all_of_it
     r, around = label.wavenumbers

@@ -294,10 +294,11 @@ class AuditLog:
                 with self._file.write() as table:
                     rows = [(*astuple(one), time) for one, time in zip(events, times, strict=True)]
                     numbers = [table.execute(_INSERT, row).lastrowid or 0 for row in rows]
-            entries = map(_entry, events, times, numbers)
             if self._lines is not None:
-                for entry in entries:
-                    self._lines.write(entry, self._name)
+                for event, time, number in zip(events, times, numbers, strict=True):
+                    self._lines.write(
+                        AuditEntry(**vars(event), time=time, number=number), self._name
+                    )
 
     def forget_before(self, days: float) -> None:
         """Remove entries that are older; numbers go on."""
@@ -346,10 +347,6 @@ class AuditLog:
     def _table(self) -> Database:
         assert self._file is not None  # noqa: S101 (lines alone have no reader)
         return self._file
-
-
-def _entry(event: Event, time: str, number: int) -> AuditEntry:
-    return AuditEntry(**vars(event), time=time, number=number)
 
 
 def note_key(made: tuple[Key, str], ring: KeyRing, log: AuditLog) -> tuple[Key, str]:

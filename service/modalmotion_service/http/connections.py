@@ -141,12 +141,14 @@ def protocol_with_deadline(settings: Settings, most: int) -> type[H11Protocol]:
         def send_400_response(self, msg: str) -> None:
             # uvicorn's own is plain text, and fails where an answer is under way already.
             if self.conn.our_state in (h11.IDLE, h11.SEND_RESPONSE):
-                body, headers = bad_request(msg)
+                remedy = "Send a request as RFC 9112 has it; its head is at most 64 KiB."
+                answer = problem_of(MalformedFileError(msg, remedy=remedy))
+                headers = [*answer.raw_headers, (b"connection", b"close")]
                 response = h11.Response(status_code=400, headers=headers, reason=b"Bad Request")
                 self.transport.write(self.conn.send(response))
                 # An answer to HEAD has no body, and h11 lets none pass.
                 with contextlib.suppress(h11.LocalProtocolError):
-                    self.transport.write(self.conn.send(h11.Data(data=body)))
+                    self.transport.write(self.conn.send(h11.Data(data=bytes(answer.body))))
             self.transport.close()
 
         def _wait_for_headers(self) -> None:
@@ -182,12 +184,3 @@ class _LeftOpen:
 
     def close(self) -> None:
         """Do nothing."""
-
-
-def bad_request(message: str) -> tuple[bytes, list[tuple[bytes, bytes]]]:
-    """Make body and headers of the answer to what is no HTTP request."""
-    error = MalformedFileError(
-        message, remedy="Send a request as RFC 9112 has it; its head is at most 64 KiB."
-    )
-    answer = problem_of(error)
-    return bytes(answer.body), [*answer.raw_headers, (b"connection", b"close")]

@@ -304,8 +304,14 @@ class BodyLimits(Middleware):
                     message = await receive()
             except TimeoutError:
                 is_idle = left > self.settings.idle_seconds
-                raise self._too_slow(
-                    received, "idle_seconds" if is_idle else "upload_seconds"
+                limit = "idle_seconds" if is_idle else "upload_seconds"
+                seconds = getattr(self.settings, limit)
+                raise SlowClientError(
+                    f"The request body is too slow: {received} bytes, and {limit} ({seconds:g} s) "
+                    "had passed.",
+                    remedy="Send it again over a faster connection, or in a smaller form.",
+                    limit=limit,
+                    details={"most": seconds},
                 ) from None
             received += len(message.get("body", b""))
             complete = not message.get("more_body", False)
@@ -314,15 +320,6 @@ class BodyLimits(Middleware):
             return message
 
         await self.app(scope, watched, send)
-
-    def _too_slow(self, received: int, limit: str) -> SlowClientError:
-        most = getattr(self.settings, limit)
-        return SlowClientError(
-            f"The request body is too slow: {received} bytes, and {limit} ({most:g} s) had passed.",
-            remedy="Send it again over a faster connection, or in a smaller form.",
-            limit=limit,
-            details={"most": most},
-        )
 
 
 class Concurrency(Middleware):

@@ -6,7 +6,6 @@ from typing import Final
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import Response
 
 from modalmotion_service.document import OCTETS, is_file
 
@@ -107,11 +106,6 @@ def is_known(request: Request, tag: str) -> bool:
     """Return whether the client says it has what the tag represents."""
     condition = request.headers.get("if-none-match")
     return condition is not None and (condition.strip() == "*" or tag in _TAG.findall(condition))
-
-
-def not_modified(tag: str) -> Response:
-    """Answer 304."""
-    return Response(status_code=304, headers={"ETag": tag})
 
 
 def attachment(name: str) -> dict[str, str]:

@@ -74,7 +74,8 @@ class Asked:
 
     def knows(self, tag: str) -> Response | None:
         """Give the answer 304 where the client has what the tag represents."""
-        return media.not_modified(tag) if media.is_known(self.http, tag) else None
+        is_known = media.is_known(self.http, tag)
+        return Response(status_code=304, headers={"ETag": tag}) if is_known else None
 
     def json(self, answer: BaseModel, headers: Mapping[str, str] | None = None) -> Response:
         """Answer with a model as JSON, and its tag."""
@@ -119,7 +120,10 @@ class Asked:
         work = self.state.runner.perform(self.wait, what, request, file)
         done = await self.unless_left(work)
         if not isinstance(done, Outcome):
-            return accepted(done)
+            answer = job_answer(done)
+            headers = {"Location": answer.links["self"], "Retry-After": "1"}
+            headers["Preference-Applied"] = "respond-async"
+            return Response(answer.model_dump_json(), 202, headers, media.JSON)
         gate.note_facts(self.http, done.filled)
         headers = {**done.headers, **headers}
         if len(what.media_types) > 1:
@@ -215,7 +219,8 @@ class Asked:
         cases = await asyncio.to_thread(look, self.store, wanted.cases, most)
         ids = tuple(case.id for case in cases)
         self.note(*ids)
-        return Request(query=wanted.without_cases(query), ids=ids, cases=tuple(cases), **more)
+        stated = wanted.model_dump(include=set(query.model_fields), exclude_unset=True)
+        return Request(query=query.model_validate(stated), ids=ids, cases=tuple(cases), **more)
 
 
 async def get_state(request: HttpRequest) -> State:
@@ -290,14 +295,6 @@ def job_answer(job: jobs.Job, text: str | None = None) -> general.JobAnswer:
         result=f"{here}/result" if "file" in result else result.get("link"),
         links={"self": here},
     )
-
-
-def accepted(job: jobs.Job) -> Response:
-    """Answer 202 with a job."""
-    answer = job_answer(job)
-    headers = {"Location": answer.links["self"], "Retry-After": "1"}
-    headers["Preference-Applied"] = "respond-async"
-    return Response(answer.model_dump_json(), 202, headers, media.JSON)
 
 
 def page_of(names: list[str], limit: int, cursor: str | None) -> tuple[list[str], str | None]:

@@ -92,7 +92,11 @@ async def track_recording(
             await asyncio.to_thread(models.choose, asked.state, query.model)
         own: spool.SpoolFile | None = file
         if query.images is not None:
-            await asyncio.to_thread(_require_no_body, file)
+            if (await asyncio.to_thread(file.path.stat)).st_size:
+                raise errors.ParameterError(
+                    "Images are named, and a file was sent besides.",
+                    remedy="Leave the body empty, or the images out.",
+                )
             await asyncio.to_thread(asked.store.images_record, query.images)
             own = None
         # A job about a sequence ends with it.
@@ -119,11 +123,3 @@ async def show_track(
     own = store.record_to_json(record).decode()
     request = Request(query=query, media_type=kind, sequence_id=track_id)
     return await asked.do(operations.track_view, request, tag=(own, images_id or ""))
-
-
-def _require_no_body(file: spool.SpoolFile) -> None:
-    if file.path.stat().st_size:
-        raise errors.ParameterError(
-            "Images are named, and a file was sent besides.",
-            remedy="Leave the body empty, or the images out.",
-        )

@@ -93,7 +93,8 @@ async def change_sequence(
         return replace(known, **names, facts=changed_facts(known.facts))
 
     current = sequence_id
-    if change.restates:
+    # Unit and times are part of the id.
+    if stated & {"unit", "times"}:
         record = await restate(asked.state, sequence_id, change, changed_record)
         current = record.id
         asked.note(current)

@@ -196,12 +196,10 @@ async def dicom_of_signature(
 
         async def made() -> Path:
             async with analysis.fitted(sequence_id, key.partition("-")[2] or None) as one:
-                with analysis.output() as output:
-                    limits = asked.state.settings.read_limits
-                    await analysis.work(
-                        signatures.make_dicom, one, file.path, limits, classified, output
-                    )
-            return output
+                limits = asked.state.settings.read_limits
+                return await analysis.written(
+                    signatures.make_dicom, one, file.path, limits, classified
+                )
 
         try:
             async with asyncio.timeout(wait):

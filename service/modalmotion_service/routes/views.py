@@ -1,7 +1,5 @@
 """Pages on which sequences can be looked at, and the interface is described."""
 
-import base64
-import hashlib
 import json
 from typing import Final
 
@@ -22,9 +20,8 @@ _SWAGGER: Final = "https://cdn.jsdelivr.net/npm/swagger-ui-dist@5.35.0"
 _SWAGGER_SCRIPT: Final = "sha384-gjRm0bEPMeTmMh5jT2cHccIwCUZSTd8YC+j0d0sXw0MdGEfScduGpSyF3ZSSLkX9"
 _SWAGGER_STYLE: Final = "sha384-WlYgdmXYOOBWL5apwjDEZwN+U3HmXSSu5R6V5aGxEcf7z+KuRNwBhoxKVN1i3D5I"
 _SHOW: Final = "SwaggerUIBundle({url: 'openapi.json', dom_id: '#docs', deepLinking: true})"
-_SHOW_DIGEST: Final = base64.b64encode(hashlib.sha256(_SHOW.encode()).digest()).decode()
 _DOCS_POLICY: Final = (
-    f"{NOTHING}; script-src {_SWAGGER}/ 'sha256-{_SHOW_DIGEST}'; frame-ancestors 'none'; "
+    f"{NOTHING}; script-src {_SWAGGER}/ {source_hash(_SHOW)}; frame-ancestors 'none'; "
     f"style-src {_SWAGGER}/ 'unsafe-inline'; img-src data:; connect-src 'self'"
 )
 _WELCOME: Final = (

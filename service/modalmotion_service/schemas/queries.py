@@ -1,6 +1,6 @@
 """What is asked of what is stored: which part of it and in which form, and of many at once."""
 
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import FailFast, Field, StringConstraints
 
@@ -144,9 +144,6 @@ def parse_numbers(text: str) -> list[float]:
         ) from None
 
 
-Options = TypeVar("Options", bound=from_core.JsonBody)
-
-
 class LabelledSequence(from_core.JsonBody):
     """A stored sequence, with label and subject for this request."""
 
@@ -175,11 +172,6 @@ class CasesRequest(from_core.JsonBody):
             case if isinstance(case, LabelledSequence) else LabelledSequence(id=case)
             for case in self.sequences
         ]
-
-    def without_cases(self, kind: type[Options]) -> Options:
-        """Give all but the sequences."""
-        known = self.model_dump(include=set(kind.model_fields), exclude_unset=True)
-        return kind.model_validate(known)
 
 
 class TrainingOptionsBody(from_core.JsonBody):

@@ -79,11 +79,6 @@ class SequenceChange(Named):
     times: list[float] | None = Field(None, max_length=100_000)
     """Of the frames, in s, rising."""
 
-    @property
-    def restates(self) -> bool:
-        """Whether it makes another sequence: unit and times are part of its id."""
-        return bool(self.model_fields_set & {"unit", "times"})
-
 
 class Reading(from_core.JsonBody):
     """How to read a file, and statements that override its own."""

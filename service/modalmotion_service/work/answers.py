@@ -20,7 +20,6 @@ from pydantic import ConfigDict, TypeAdapter
 from pydantic_core import PydanticSerializationError, to_json
 
 from modalmotion import errors
-from modalmotion import errors as core_errors
 from modalmotion_service import errors as service_errors
 
 _RESULT: Final = b"="
@@ -146,7 +145,7 @@ def _read_error(name: str, state: dict[str, Any]) -> BaseException:
     for plain in _PLAIN:
         if name == plain.__name__:
             return plain(str(state["text"]))
-    kind = getattr(core_errors, name, None) or getattr(service_errors, name, None)
+    kind = getattr(errors, name, None) or getattr(service_errors, name, None)
     if isinstance(kind, type) and issubclass(kind, errors.ModalMotionError):
         error = kind(str(state.pop("message")), remedy=str(state.pop("remedy")))
         for attribute in ("frame", "vertex"):

@@ -78,7 +78,8 @@ class DaskEngine(Engine):
         future: Future[T] = Future()
         payload = pickle.dumps((fn, args, kwargs))
         try:
-            work = self._executor_now().submit(work_here, payload, terms, self._limits, self._mark)
+            task = (payload, terms, self._limits, self._mark)
+            work = self._executor_now().submit(answers.answer_of, _in_pool, task, {})
         except ClusterError as error:
             future.set_exception(error)
             return future
@@ -133,12 +134,8 @@ class DaskEngine(Engine):
         )
 
 
-def work_here(payload: bytes, terms: Terms, limits: tuple[float, int], mark: Path) -> bytes:
-    """Do a task in a pool of this Dask worker; gives its answer, be it an error."""
-    return answers.answer_of(_in_pool, (payload, terms, limits, mark), {})
-
-
 def _in_pool(payload: bytes, terms: Terms, limits: tuple[float, int], mark: Path) -> Any:
+    """Do a task in a pool of this Dask worker."""
     from distributed import get_worker
 
     if not (mark.is_dir() and mark.name == version("modalmotion")):

@@ -126,12 +126,12 @@ def remembering() -> list[Any]:
     ours = ("modalmotion", "modalmotion_service")
     modules = [one for name, one in list(sys.modules.items()) if name.partition(".")[0] in ours]
     values = [value for module in modules for value in list(vars(module).values())]
-    return [value for value in values if hasattr(value, "cache_clear") and _depends(value)]
-
-
-def _depends(cache: Any) -> bool:
-    function = cache.__wrapped__
-    return bool(inspect.signature(function).parameters) and function.__name__ not in _OF_NOBODY
+    caches = [value for value in values if hasattr(value, "cache_clear")]
+    return [
+        one
+        for one in caches
+        if one.__name__ not in _OF_NOBODY and inspect.signature(one).parameters
+    ]
 
 
 def payload_of(terms: engine.Terms, function: Callable[..., Any], args: Any, kwargs: Any) -> bytes:

@@ -147,7 +147,8 @@ _TRACKING: Final = 0.8
 @operation()
 async def images(state: State, request: Request, report: Reporter) -> Outcome:
     """Read images and store them."""
-    upload = Upload.at(state.spool.at(request.file), state.settings.image_limits)
+    limits = replace(state.settings.read_limits, decompressed_bytes=state.settings.max_image_bytes)
+    upload = Upload.at(state.spool.at(request.file), limits)
     with state.analysis.image() as file:
         read = await state.analysis.followed(report, tracks.ingest_images, upload, file)
         await asyncio.to_thread(spool.SpoolFile(file).make_durable)

@@ -94,8 +94,8 @@ def test_volumes_of_segments_are_off_by_what_is_stated() -> None:
     motion = WallMotion.of(positions, None, fine, 0)
     segment = np.arange(motion.places.values.shape[0]) % motion.places.shape[1] // 12
     n = int(segment.max()) + 1
-    true = segment_volumes(motion, segment, n)[1:].std(axis=0)
-    stated = np.sqrt(volume_variances(motion, segment, n, 1))
+    true = segment_volumes(motion, segment, n)[0][1:].std(axis=0)
+    stated = np.sqrt(volume_variances(motion, segment_volumes(motion, segment, n)[1])[1])
     assert np.allclose(stated / true, 1.0, atol=0.25)
 
 

@@ -69,7 +69,7 @@ def test_the_gradient_of_dyssynchrony_is_a_finite_difference() -> None:
     def volumes(amplitudes: np.ndarray) -> np.ndarray:
         moved = reconstruct(replace(signature, amplitudes=amplitudes), beat)
         motion = WallMotion.of(moved, None, wall, curve.end_diastole)
-        return segment_volumes(motion, sectors_of(motion), 16)
+        return segment_volumes(motion, sectors_of(motion), 16)[0]
 
     phases = phases_of(beat)
 

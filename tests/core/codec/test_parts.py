@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from modalmotion.codec import Effort, decode, encode, frames
 from modalmotion.codec import parts as segments
 from modalmotion.codec.block import (
-    HASH_BYTES,
+    CHECKSUM_BYTES,
     N_FUNCTIONS,
     Parts,
     code_labels,
@@ -216,7 +216,7 @@ def test_parts_that_make_no_sense_are_refused(
     shape = np.zeros((12, 48, 3), dtype=np.float32)
     data = write_block(block, Guards(none, none), None, shape)
     # Where both numbers stand: after the hash, kind, step, shifts, eight numbers, and one more.
-    at = read_varints(data, HASH_BYTES + 8, 8)[1] + 1
+    at = read_varints(data, CHECKSUM_BYTES + 8, 8)[1] + 1
     assert data[at : at + 2] == bytes([largest, trial.parts.count])
     hostile = data[: at + 1] + write_varint(count) + data[at + 2 :]
     with pytest.raises(MalformedFileError, match="header of a block"):

@@ -43,7 +43,7 @@ REFUSED: dict[str, Callable[[], object]] = {
     "landmarks is 5": lambda: P(landmarks=5),
     r"shape is \(2.7, 4\)": lambda: LATTICE(mm.PLANE, (2.7, 4)),
     "stiffness, one number or a tuple": lambda: LATTICE(mm.PLANE, (4, 4), stiffness=[1, 2]),
-    "A stiffness is 'x'": lambda: LATTICE(mm.PLANE, (4, 4), stiffness=(1.0, "x")),
+    "for each axis, is 'x'": lambda: LATTICE(mm.PLANE, (4, 4), stiffness=(1.0, "x")),
     "mass is True": lambda: LATTICE(mm.PLANE, (4, 4), mass=True),
     "n_modes is 7.5": lambda: LOWEST(mm.CUP, 7.5),
     "n_modes is True": lambda: whole_count(mm.CUP, True),

@@ -20,8 +20,8 @@ from modalmotion.signature.making import (
     SignatureParameters,
     modal_signature,
 )
+from modalmotion.signature.normal_displacements import normal_reference
 from modalmotion.signature.reconstruction import reconstruct
-from modalmotion.signature.superposition import normal_reference
 from modalmotion.simulate import Acquisition, Spacing, VentricleParameters, simulate_ventricle
 from modalmotion.template import GivenLandmarks, make_template
 from modalmotion.template.template import shapes_of

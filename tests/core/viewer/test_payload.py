@@ -163,6 +163,8 @@ def test_refused_read_outs_and_unknown_units_are_words() -> None:
     sequence, signature = viewed("plane")
     header, arrays = read_container(view_payload(replace(signature, unit=None), sequence))
     assert "plane" in header["volume"]["refused"]
+    # Programs go by the code, in whichever words it is.
+    assert header["volume"]["codes"] == ["unsupported_topology"]
     assert "volumes" not in arrays
     assert header["unit"] == "length units"
     assert header["effects"] is None

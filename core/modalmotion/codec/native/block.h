@@ -4,11 +4,10 @@
 
 #include "lattice.h"
 #include "mixed.h"
-#include "sha256.h"
 #include "springs.h"
 
 enum { BY_COSINES, BY_TRAJECTORIES, BY_PARTS, N_KINDS };
-enum { LATTICE_MODES = 1, SPRING_MODES = 2, N_FUNCTIONS = 4, MOST_PARTS = 256, HASH_BYTES = 8 };
+enum { LATTICE_MODES = 1, SPRING_MODES = 2, N_FUNCTIONS = 4, MOST_PARTS = 256 };
 
 static const double MOST_QUANTA = 0x1p51;
 
@@ -37,6 +36,7 @@ static int values_of(const Modes *m, const double *numbers, int64_t n_rows, int6
 
 typedef struct {
     int kind, is_mixed;
+    uint32_t checksum;
     int64_t n_frames, n_vertices, exponent, origin[3], width, n_rows, n_modes, n_components;
     int64_t largest, n_parts;
     double step, shifts[4];
@@ -44,7 +44,7 @@ typedef struct {
 
 static Block read_block_head(Bytes *s, int64_t n_frames, int64_t n_vertices) {
     Block b = {.n_frames = n_frames, .n_vertices = n_vertices};
-    next_bytes(s, HASH_BYTES);
+    b.checksum = (uint32_t)next_number(s, 4);
     b.kind = (int)next_number(s, 1);
     b.step = next_single(s);
     for (int i = 1; i < 4; i++) b.shifts[i] = (double)(int8_t)next_number(s, 1) / 256.0;
@@ -328,7 +328,6 @@ static double power_of_2(int64_t n) {
 static int read_block(Bytes s, int64_t n_frames, const Modes *modes, int is_double, void *positions,
                       Room *room) {
     const int64_t used = room->used, n = modes->mesh->n;
-    const uint8_t *hash = s.at;
     const Block b = read_block_head(&s, n_frames, n);
     Coder c = {0};
     int status = s.status;
@@ -362,9 +361,8 @@ static int read_block(Bytes s, int64_t n_frames, const Modes *modes, int is_doub
                 else
                     ((float *)positions)[at] = (float)(whole * first * second);
             }
-    uint64_t stated = 0;
-    for (int i = 0; i < HASH_BYTES; i++) stated = stated << 8 | hash[i];
-    if (digest_of(positions, (uint64_t)(n_frames * n * 3 * (is_double ? 8 : 4))) != stated)
+    const uint8_t *bytes = positions;
+    if (checksum(bytes, bytes + n_frames * n * 3 * (is_double ? 8 : 4)) != b.checksum)
         return OTHER_POSITIONS;
     room->used = used;
     return FINE;

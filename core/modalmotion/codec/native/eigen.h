@@ -8,7 +8,7 @@
 
 #include "coder.h"
 
-enum { WIDTH = 8, MOST_ROTATIONS = 1 << 15, MOST_SWEEPS = 60 };
+enum { WIDTH = 16, MOST_ROTATIONS = 1 << 15, MOST_SWEEPS = 60 };
 
 typedef struct {
     int64_t row;
@@ -18,30 +18,7 @@ typedef struct {
 static double size_of_both(double a, double b) { return __builtin_sqrt(a * a + b * b); }
 static double positive(double x) { return x < 0.0 ? -x : x; }
 
-/* Take v w' + w v' off a row right of its place, and multiply what is left with the next v.
- *
- * The sums of a row are kept in eight, so that they are the same however they are computed. */
-static double update_row(double *at, int64_t from, int64_t n, double a, double b, const double *v,
-                         const double *w, const double *next, double share, double *p) {
-    double sums[WIDTH] = {0};
-    int64_t j = from;
-    for (; j + WIDTH <= n; j += WIDTH)
-        for (int i = 0; i < WIDTH; i++) {
-            const double left = at[j + i] - a * w[j + i] - b * v[j + i];
-            at[j + i] = left;
-            p[j + i] += share * left;
-            sums[i] += left * next[j + i];
-        }
-    for (int i = 0; j < n; j++, i++) {
-        const double left = at[j] - a * w[j] - b * v[j];
-        at[j] = left;
-        p[j] += share * left;
-        sums[i] += left * next[j];
-    }
-    return sums[0] + sums[1] + sums[2] + sums[3] + (sums[4] + sums[5] + sums[6] + sums[7]);
-}
-
-/* Reduce the upper half of A, (n, n), to a diagonal and what is beside it.
+/* Reduce A, (n, n), to a diagonal and what is beside it.
  *
  * A becomes the transformation: the vector of the place k is row k of it, before the rotations. */
 static void reduce(double *A, int64_t n, double *diagonal, double *beside, double *room) {
@@ -63,11 +40,14 @@ static void reduce(double *A, int64_t n, double *diagonal, double *beside, doubl
             p[j] = 0.0;
         }
         if (half > 0.0) next[k + 1] -= alpha;
+        /* Take the reflection before off what is left, and multiply that with the next one. */
         for (int64_t i = k + 1; i < n; i++) {
             double *at = A + i * n;
-            at[i] -= 2.0 * v[i] * w[i];
-            p[i] += next[i] * at[i];
-            p[i] += update_row(at, i + 1, n, v[i], w[i], v, w, next, next[i], p);
+            const double a = v[i], b = w[i], share = next[i];
+            for (int64_t j = k + 1; j < n; j++) {
+                at[j] -= a * w[j] + b * v[j];
+                p[j] += share * at[j];
+            }
         }
         double along = 0.0;
         for (int64_t j = k + 1; j < n; j++) along += next[j] * p[j];
@@ -100,14 +80,14 @@ static void reduce(double *A, int64_t n, double *diagonal, double *beside, doubl
     }
 }
 
-/* Apply rotations of neighbouring rows to blocks of columns, (blocks, n, WIDTH). */
-static void rotate(double *blocks, int64_t n, const Rotation *rotations, int64_t n_rotations) {
-    for (int64_t block = 0; block < (n + WIDTH - 1) / WIDTH; block++) {
-        double *z = blocks + block * n * WIDTH;
+/* Rotate neighbouring rows of a matrix, (n, n). */
+static void rotate(double *matrix, int64_t n, const Rotation *rotations, int64_t n_rotations) {
+    for (int64_t start = 0; start < n; start += WIDTH) {
+        const int64_t width = least(WIDTH, n - start);
         for (int64_t i = 0; i < n_rotations; i++) {
             const double c = rotations[i].c, s = rotations[i].s;
-            double *low = z + rotations[i].row * WIDTH, *high = low + WIDTH;
-            for (int j = 0; j < WIDTH; j++) {
+            double *low = matrix + rotations[i].row * n + start, *high = low + n;
+            for (int64_t j = 0; j < width; j++) {
                 const double a = low[j], b = high[j];
                 high[j] = s * a + c * b;
                 low[j] = c * a - s * b;
@@ -118,17 +98,15 @@ static void rotate(double *blocks, int64_t n, const Rotation *rotations, int64_t
 
 /* Eigenvalues of A, ascending, and its eigenvectors in the rows of A. */
 static int solve_symmetric(double *A, int64_t n, double *values, Room *room) {
-    const int64_t used = room->used, n_blocks = (n + WIDTH - 1) / WIDTH;
+    const int64_t used = room->used;
     double *d = TAKE(room, double, n + 1), *e = TAKE(room, double, n + 1);
-    double *vectors = TAKE(room, double, 4 * n), *blocks = TAKE(room, double, n_blocks * n * WIDTH);
+    double *spare = TAKE(room, double, 4 * n), *vectors = TAKE(room, double, n * n);
     Rotation *rotations = TAKE(room, Rotation, MOST_ROTATIONS + n);
     int64_t *order = TAKE(room, int64_t, n), n_rotations = 0;
     if (room->used > room->size) return ROOM;
-    reduce(A, n, d, e, vectors);
-    /* Component j of the vector i: the transposed transformation, which is that of its columns. */
+    reduce(A, n, d, e, spare);
     for (int64_t i = 0; i < n; i++)
-        for (int64_t j = 0; j < n; j++)
-            blocks[(i / WIDTH * n + j) * WIDTH + i % WIDTH] = A[i * n + j];
+        for (int64_t j = 0; j < n; j++) vectors[j * n + i] = A[i * n + j];
     double shift = 0.0, largest = 0.0;
     for (int64_t l = 0; l < n; l++) {
         const double here = positive(d[l]) + positive(e[l]);
@@ -164,7 +142,7 @@ static int solve_symmetric(double *A, int64_t n, double *values, Room *room) {
             e[l] = s * p;
             d[l] = c * p;
             if (n_rotations >= MOST_ROTATIONS) {
-                rotate(blocks, n, rotations, n_rotations);
+                rotate(vectors, n, rotations, n_rotations);
                 n_rotations = 0;
             }
             if (positive(e[l]) <= 0x1p-53 * largest) break;
@@ -172,7 +150,7 @@ static int solve_symmetric(double *A, int64_t n, double *values, Room *room) {
         d[l] += shift;
         e[l] = 0.0;
     }
-    rotate(blocks, n, rotations, n_rotations);
+    rotate(vectors, n, rotations, n_rotations);
     for (int64_t i = 0; i < n; i++) {
         int64_t at = i;
         for (; at > 0 && d[order[at - 1]] > d[i]; at--) order[at] = order[at - 1];
@@ -180,8 +158,7 @@ static int solve_symmetric(double *A, int64_t n, double *values, Room *room) {
     }
     for (int64_t i = 0; i < n; i++) {
         values[i] = d[order[i]];
-        for (int64_t j = 0; j < n; j++)
-            A[i * n + j] = blocks[(j / WIDTH * n + order[i]) * WIDTH + j % WIDTH];
+        memcpy(A + i * n, vectors + order[i] * n, (size_t)n * sizeof *A);
     }
     room->used = used;
     return FINE;

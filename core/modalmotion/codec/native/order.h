@@ -7,8 +7,7 @@
 enum {
     LONE_BIT = 13,
     HERE_BIT = 14,
-    DISTANCE_BIT = 18,
-    FAR_BIT,
+    FAR_BIT = 18,
     RANK_BIT,
     N_PROPOSED = 16,
     SEARCHED = 400, /* nodes to look at: for the next one, for the way to it, for vertices near it */
@@ -20,7 +19,8 @@ enum {
     MOST_RELATIONS = 6,
     MOST_WAYS = 12,
     LARGEST_RANKED = 65536,
-    LIKE_THE_LAST = 2048,
+    MOST_BESIDE = 8, /* neighbours of a proposal that are looked at */
+    LARGEST_RING = 15,
     N_MODELS = 5,
     MOST_REPEATS = 5,
     MOST_TURN = 5,
@@ -54,9 +54,8 @@ typedef struct {
     Rings r;
     int32_t n_nodes, n_relations, n_numbered, lone;
     int32_t *number, *nodes; /* vertex of each node, and node of each vertex */
-    int8_t *free_at;         /* distance of each free node that is not lone, else -1 */
     int32_t node, origin, outcome;
-    int32_t paths[4], distances[4]; /* of the last nodes, the oldest first */
+    int32_t paths[4]; /* of the last nodes, the oldest first */
     int32_t n_paths, n_steps;
     int32_t (*prefixes)[2]; /* of each path from 1 on: the path before its last turn, and that */
     Steps *steps;
@@ -64,7 +63,7 @@ typedef struct {
     Relation related[RELATED_BACK][MOST_RELATIONS];
     int32_t n_related[RELATED_BACK], latest; /* row of the latest vertex */
     int32_t *trust;                          /* of each source: right << 8 | wrong, or 0 */
-    int32_t *slot, n_proposals, n_entries, *queue;
+    int32_t *slot, n_proposals, n_entries;
     Proposal *proposals;
     Source *sources;
     int32_t chosen[N_PROPOSED + 1];
@@ -75,12 +74,11 @@ static Order *take_order(Room *room, const Mixer *m, int32_t n_nodes, int32_t n_
     const int64_t n = n_nodes;
     Order *o = TAKE(room, Order, 1);
     int32_t *number = TAKE(room, int32_t, n), *nodes = TAKE(room, int32_t, n);
-    int8_t *free_at = TAKE(room, int8_t, n);
     const int64_t n_keys = m ? (int64_t)m->n_slots : 0;
     void *prefixes = TAKE(room, int32_t, 2 * (n_keys + 1));
     Steps *steps = TAKE(room, Steps, n_keys + 1);
     int32_t *trust = TAKE(room, int32_t, FIRST_NEIGHBOUR + (MOST_TURN + 1) * (n + 1));
-    int32_t *slot = TAKE(room, int32_t, n), *queue = TAKE(room, int32_t, n);
+    int32_t *slot = TAKE(room, int32_t, n);
     Proposal *proposals = TAKE(room, Proposal, n + MOST_SOURCES);
     Source *sources = TAKE(room, Source, n + MOST_SOURCES);
     if (!o) return 0;
@@ -89,28 +87,21 @@ static Order *take_order(Room *room, const Mixer *m, int32_t n_nodes, int32_t n_
     o->n_relations = n_relations;
     o->number = number;
     o->nodes = nodes;
-    o->free_at = free_at;
     o->prefixes = prefixes;
     o->steps = steps;
     o->trust = trust;
     o->slot = slot;
-    o->queue = queue;
     o->proposals = proposals;
     o->sources = sources;
     o->node = o->origin = NOWHERE;
     o->outcome = N_PROPOSED;
-    for (int i = 0; i < 4; i++) o->distances[i] = FAR;
     return o;
 }
 
 /* Begin to number, once there are rings. */
 static void begin_order(Order *o, Mixer *m) {
     o->m = m;
-    for (int32_t v = 0; v < o->n_nodes; v++) {
-        o->number[v] = -1;
-        o->r.distance[v] = FAR;
-        o->free_at[v] = degree(&o->r, v) ? FAR : -1;
-    }
+    for (int32_t v = 0; v < o->n_nodes; v++) o->number[v] = -1;
 }
 
 /* Give a pair of numbers a number of its own, from 1; 0 if the table is full. */
@@ -254,9 +245,8 @@ static void judge(Order *o, int32_t node) {
 static int32_t choose_likeliest(Order *o) {
     int32_t strengths[N_PROPOSED + 1], n = 0;
     for (int32_t i = 0; i < o->n_proposals; i++) {
-        const Proposal *p = o->proposals + i;
-        int32_t strength = p->total, place = n;
-        if (o->r.distance[p->node] == o->distances[3]) strength += LIKE_THE_LAST;
+        const int32_t strength = o->proposals[i].total;
+        int32_t place = n;
         for (; place > 0 && strengths[place - 1] < strength; place--) {
             strengths[place] = strengths[place - 1];
             o->chosen[place] = o->chosen[place - 1];
@@ -270,8 +260,10 @@ static int32_t choose_likeliest(Order *o) {
 
 static void set_here_contexts(Order *o, int64_t place, const Proposal *p) {
     const int64_t strength = least(15, 3 * (int64_t)p->total / 1024);
-    const int32_t distance = o->r.distance[p->node], *last = o->distances;
-    int32_t best = 0, highest = -1;
+    const int32_t size = degree(&o->r, p->node);
+    int32_t best = 0, highest = -1, n_taken = 0;
+    for (int32_t place = 0; place < least(size, MOST_BESIDE); place++)
+        n_taken += o->number[neighbour(&o->r, p->node, place)] >= 0;
     for (int32_t entry = p->first_source; entry >= 0; entry = o->sources[entry].next) {
         const int32_t source = o->sources[entry].source, trust = trust_of(o, source);
         if (trust <= highest) continue;
@@ -282,72 +274,44 @@ static void set_here_contexts(Order *o, int64_t place, const Proposal *p) {
     set_context(o->m, 0, 0, best);
     set_context(o->m, 1, 0, (int64_t)p->n_sources << 16 | place << 8 | strength);
     set_context(o->m, 2, 0, name << 16 | place << 8 | outcome);
-    set_context(o->m, 3, 0, distance << 16 | last[3] << 8 | last[2]);
-    set_context(o->m, 4, 0, strength << 16 | (distance == last[3]) << 8 | (distance == last[0]));
+    set_context(o->m, 3, 0, n_taken << 8 | least(size, LARGEST_RING));
+    set_context(o->m, 4, 0, strength << 8 | n_taken);
 }
 
-/* Make the distances of proposals that were asked for none, or what they were. */
-static void flip_tried(Order *o, int32_t n_tried) {
-    for (int32_t i = 0; i < n_tried; i++) {
-        int8_t *distance = o->r.distance + o->proposals[o->chosen[i]].node;
-        *distance = (int8_t)(-1 - *distance);
-    }
+static int is_free(const Order *o, int32_t node) {
+    return o->number[node] < 0 && degree(&o->r, node);
 }
 
-/* Count what comes before a node among those of its distance nearby; -1 if it is not there. */
-static int64_t rank_of(Order *o, int32_t node, int distance, int32_t n_tried) {
-    if (o->node < 0) return -1;
-    const int32_t n = search(&o->r, o->node, o->origin, SEARCHED, node, distance, -1);
-    if (n < 2 || o->r.around[n - 1] != node) return -1;
-    int64_t rank = 0;
-    flip_tried(o, n_tried);
-    for (int32_t i = 1; i < n - 1; i++) rank += o->r.distance[o->r.around[i]] == distance;
-    flip_tried(o, n_tried);
-    return rank;
-}
-
-/* Code a node of some distance, wherever it is. */
-static int32_t code_anywhere(Order *o, int distance, int32_t node) {
+/* Code a free node, wherever it is. */
+static int32_t code_anywhere(Order *o, int32_t node) {
     const int is_ranked = o->n_nodes <= LARGEST_RANKED;
     int64_t count = is_ranked ? 0 : o->n_nodes, place = is_ranked ? 0 : node;
     for (int32_t v = 0; is_ranked && v < o->n_nodes; v++)
-        if (o->free_at[v] == distance) {
+        if (is_free(o, v)) {
             count++;
             place += v < node;
         }
     place = code_bits(&o->m->c, count ? log_2((uint64_t)count) + 1 : 0, place);
-    if (o->m->c.at.status) return NOWHERE;
-    if (!is_ranked)
-        return place < o->n_nodes && o->free_at[place] >= 0 ? (int32_t)place : NOWHERE;
+    if (!is_ranked) return place < o->n_nodes && is_free(o, (int32_t)place) ? (int32_t)place : NOWHERE;
     for (int32_t v = 0; v < o->n_nodes; v++)
-        if (o->free_at[v] == distance && !place--) return v;
+        if (is_free(o, v) && !place--) return v;
     return NOWHERE;
 }
 
-/* Code a node that was not proposed. */
-static int32_t code_unproposed(Order *o, int32_t node, int32_t n_tried) {
+/* Code a node that was not proposed: how many free ones are nearer, if it is near. */
+static int32_t code_unproposed(Order *o, int32_t node) {
     Mixer *m = o->m;
-    const int64_t one = o->distances[3], two = o->distances[2], four = o->distances[0];
-    const int reads = m->c.at.reads != 0, wanted = reads ? FAR : o->r.distance[node];
-    int distance = 1;
-    for (; distance < FAR; distance++) {
-        set_context(m, 0, 0, distance << 8 | one);
-        set_context(m, 1, 0, distance << 16 | one << 8 | two);
-        set_context(m, 2, 0, distance << 8 | four);
-        if (code_bit(m, DISTANCE_BIT, 0, 3, wanted == distance)) break;
-    }
-    int64_t rank = reads ? -1 : rank_of(o, node, distance, n_tried);
+    const int32_t goal = m->c.at.reads ? NOWHERE : node, *around = o->r.around;
+    const int32_t n = o->node < 0 ? 0 : search(&o->r, o->node, o->origin, SEARCHED, goal);
     set_context(m, 0, 0, 0);
-    if (code_bit(m, FAR_BIT, 0, 1, rank < 0)) return code_anywhere(o, distance, node);
-    set_context(m, 0, 0, distance);
-    rank = code_number(m, RANK_BIT, 1, most(rank, 0));
-    if (!reads) return node;
-    if (o->node < 0) return NOWHERE;
-    /* Those that were asked for are passed over. */
-    flip_tried(o, n_tried);
-    const int32_t n = search(&o->r, o->node, o->origin, SEARCHED, NOWHERE, distance, rank);
-    flip_tried(o, n_tried);
-    return n ? o->r.around[n - 1] : NOWHERE;
+    if (code_bit(m, FAR_BIT, 0, 1, !n || around[n - 1] != goal)) return code_anywhere(o, node);
+    int64_t rank = 0;
+    for (int32_t i = 0; goal >= 0 && i < n - 1; i++) rank += is_free(o, around[i]);
+    set_context(m, 0, 0, 0);
+    rank = code_number(m, RANK_BIT, 1, rank);
+    for (int32_t i = 0; i < n; i++)
+        if (is_free(o, around[i]) && !rank--) return around[i];
+    return NOWHERE;
 }
 
 /* What is learned from each step. */
@@ -355,7 +319,6 @@ static int32_t code_unproposed(Order *o, int32_t node, int32_t n_tried) {
 /* Give the next number to a node, without relations. */
 static void number_next(Order *o, int32_t node) {
     o->number[node] = o->n_numbered;
-    o->free_at[node] = -1;
     o->nodes[o->n_numbered++] = node;
     o->latest = (o->latest + RELATED_BACK - 1) % RELATED_BACK;
     o->n_related[o->latest] = 0;
@@ -366,7 +329,7 @@ static void relate(Order *o) {
     static const int32_t steps[RELATED_STEPS] = {1, -1, 2, -2};
     Rings *r = &o->r;
     const int32_t n = o->n_numbered - 1;
-    const int32_t n_around = search(r, o->node, o->origin, NEAR, NOWHERE, FAR, -1);
+    const int32_t n_around = search(r, o->node, o->origin, NEAR, NOWHERE);
     for (int32_t place = 0; place < n_around; place++) {
         const int32_t number = o->number[r->around[place]];
         if (number < 0 || number >= n - JUST_BEFORE) continue;
@@ -384,30 +347,12 @@ static void relate(Order *o) {
     }
 }
 
-/* Update the distances of free nodes. */
-static void spread(Order *o, int32_t node) {
-    int64_t n = 1;
-    o->r.distance[node] = 0;
-    o->queue[0] = node;
-    for (int64_t first = 0; first < n; first++) {
-        const int32_t v = o->queue[first % o->n_nodes];
-        const int8_t further = (int8_t)(o->r.distance[v] + 1);
-        if (further == FAR) continue;
-        for (int32_t i = 0; i < degree(&o->r, v); i++) {
-            const int32_t there = neighbour(&o->r, v, i);
-            if (o->r.distance[there] <= further) continue;
-            o->r.distance[there] = o->free_at[there] = further;
-            o->queue[n++ % o->n_nodes] = there;
-        }
-    }
-}
-
 /* Give the next number to a node, and learn from its place. */
 static void go_to(Order *o, int32_t node) {
     Rings *r = &o->r;
     int32_t path = 0, origin = NOWHERE;
     if (o->node >= 0) {
-        const int32_t n = search(r, o->node, o->origin, REMEMBERED, node, FAR, -1);
+        const int32_t n = search(r, o->node, o->origin, REMEMBERED, node);
         if (r->around[n - 1] == node) {
             const int32_t length = way_back(r, n - 1);
             origin = r->way[1];
@@ -418,17 +363,12 @@ static void go_to(Order *o, int32_t node) {
         }
     }
     if (origin == NOWHERE) origin = neighbour(r, node, 0);
-    for (int i = 0; i < 3; i++) {
-        o->paths[i] = o->paths[i + 1];
-        o->distances[i] = o->distances[i + 1];
-    }
+    for (int i = 0; i < 3; i++) o->paths[i] = o->paths[i + 1];
     o->paths[3] = path;
-    o->distances[3] = r->distance[node];
     o->node = node;
     o->origin = origin;
     number_next(o, node);
     if (o->n_relations) relate(o);
-    spread(o, node);
 }
 
 /* Code which node the next vertex is. */
@@ -454,7 +394,7 @@ static int32_t code_vertex(Order *o, int32_t node) {
         outcome = place;
     }
     o->outcome = outcome;
-    if (found == NOWHERE) found = code_unproposed(o, node, n_likeliest);
+    if (found == NOWHERE) found = code_unproposed(o, node);
     if (found == NOWHERE || m->c.at.status) {
         fail(&m->c, NO_NODE);
         return NOWHERE;

@@ -4,7 +4,7 @@
 
 #include "triangles.h"
 
-enum { NOWHERE = -1, MOST_LOOKS = 8, SCANNED = 16, MOST_AROUND = 512, MOST_TURNS = 512, FAR = 6 };
+enum { NOWHERE = -1, MOST_LOOKS = 8, SCANNED = 16, MOST_AROUND = 512, MOST_TURNS = 512 };
 
 /* Notes on the neighbours of the node whose ring is made: each is of the node that it is equal to,
  * less one. */
@@ -16,7 +16,6 @@ typedef struct {
     Mixer *m;
     int32_t *ring, *neighbours; /* where the ring of each node begins, and all rings */
     int32_t *back;              /* of each entry, place of the node in that neighbour's ring */
-    int8_t *distance;           /* of each node, from those that have a vertex; FAR if more */
     /* A search: nodes, which of them led to each, where it was entered; what was met when. */
     int32_t around[MOST_AROUND], parents[MOST_AROUND], entered[MOST_AROUND], way[MOST_AROUND];
     int32_t turns[MOST_TURNS];
@@ -80,7 +79,6 @@ static void take_rings(Rings *r, Room *room, int64_t n_nodes, int64_t n_faces) {
     r->ring = TAKE(room, int32_t, n_nodes + 1);
     r->neighbours = TAKE(room, int32_t, 6 * n_faces);
     r->back = TAKE(room, int32_t, 6 * n_faces);
-    r->distance = TAKE(room, int8_t, n_nodes);
     r->stamp = TAKE(room, int32_t, n_nodes);
     r->first = TAKE(room, int32_t, n_nodes + 1);
     r->pairs = TAKE(room, int32_t, 6 * n_faces);
@@ -123,14 +121,9 @@ static int32_t follow(const Rings *r, int32_t node, int32_t origin, const int32_
     return node;
 }
 
-/* List the nodes around a node, near ones first, up to a goal; their number.
- *
- * With a rank >= 0 the goal is the node before which so many have the same distance, and 0 is
- * given if there is none. */
-static int32_t search(Rings *r, int32_t node, int32_t origin, int32_t largest, int32_t goal,
-                      int distance, int64_t rank) {
+/* List the nodes around a node, near ones first, up to a goal; their number. */
+static int32_t search(Rings *r, int32_t node, int32_t origin, int32_t largest, int32_t goal) {
     const int32_t mark = ++r->n_stamps;
-    const int is_ranked = rank >= 0;
     int32_t n = 1, looks = MOST_LOOKS * largest;
     r->entered[0] = place_in(r, node, origin);
     r->around[0] = node;
@@ -150,11 +143,10 @@ static int32_t search(Rings *r, int32_t node, int32_t origin, int32_t largest, i
             r->around[n] = there;
             r->parents[n] = parent;
             r->entered[n++] = r->back[begin + place];
-            if (is_ranked && r->distance[there] == distance && !rank--) return n;
-            if (there == goal || n > largest) return is_ranked ? 0 : n;
+            if (there == goal || n > largest) return n;
         }
     }
-    return is_ranked ? 0 : n;
+    return n;
 }
 
 /* List the nodes from a place of the search back to its first; their number. */

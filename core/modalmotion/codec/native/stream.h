@@ -82,10 +82,14 @@ static Bytes next_bytes(Bytes *b, int64_t n) {
 }
 
 static uint32_t checksum(const uint8_t *at, const uint8_t *end) {
+    static const uint32_t of_half_bytes[16] = {
+        0x00000000, 0x1db71064, 0x3b6e20c8, 0x26d930ac, 0x76dc4190, 0x6b6b51f4,
+        0x4db26158, 0x5005713c, 0xedb88320, 0xf00f9344, 0xd6d6a3e8, 0xcb61b38c,
+        0x9b64c2b0, 0x86d3d2d4, 0xa00ae278, 0xbdbdf21c};
     uint32_t crc = UINT32_MAX;
     for (; at < end; at++) {
         crc ^= *at;
-        for (int i = 0; i < 8; i++) crc = crc >> 1 ^ (UINT32_C(0xEDB88320) & -(crc & 1));
+        for (int i = 0; i < 2; i++) crc = crc >> 4 ^ of_half_bytes[crc & 15];
     }
     return ~crc;
 }

@@ -24,8 +24,7 @@ typedef struct {
     uint64_t codes;                 /* of the last six triangles, seven bits each */
     int32_t face[3];                /* corners of the triangle so far */
     int32_t *pivots, first_pivot, n_pivots;
-    int32_t *n_around;              /* triangles so far at each node */
-    int32_t latest, *older, *newer; /* nodes by when they were last a corner */
+    int32_t *n_around; /* triangles so far at each node */
     Edge *edges;                    /* from 1 on */
     int32_t *last_ahead, *last_behind;
     uint8_t at_corner[3];           /* kind of the latest of each number */
@@ -33,11 +32,8 @@ typedef struct {
 
 static void take_walk(Walk *w, Room *room, int32_t n_nodes, int32_t n_faces) {
     w->n_nodes = n_nodes;
-    w->latest = NOBODY;
     w->pivots = TAKE(room, int32_t, n_nodes);
     w->n_around = TAKE(room, int32_t, n_nodes);
-    w->older = TAKE(room, int32_t, n_nodes);
-    w->newer = TAKE(room, int32_t, n_nodes);
     w->last_ahead = TAKE(room, int32_t, n_nodes);
     w->last_behind = TAKE(room, int32_t, n_nodes);
     w->edges = TAKE(room, Edge, 3 * (int64_t)n_faces + 1);
@@ -93,7 +89,6 @@ static void drop_closed(Walk *w) {
     while (w->first_pivot < w->n_pivots && !w->last_ahead[pivot_of(w)]) w->first_pivot++;
 }
 
-
 static void set_walk_contexts(Walk *w, int32_t behind) {
     const int64_t kinds = w->kinds, corner = w->corner, codes = (int64_t)w->codes;
     const int32_t at = w->corner ? w->face[0] : pivot_of(w);
@@ -109,29 +104,11 @@ static void set_walk_contexts(Walk *w, int32_t behind) {
     set_context(w->m, 6, w->at_corner[corner] << 4 | kinds, corner);
 }
 
-/* Code a node by how many others were corners since it was one. */
+/* Code a node by how many were met since it was. */
 static int32_t code_older(Walk *w, int32_t node) {
-    int64_t ago = 0;
-    int32_t v = w->latest;
-    if (!w->m->c.at.reads)
-        for (; v != node; v = w->older[v]) ago++;
     set_context(w->m, 0, 0, w->corner);
-    ago = code_number(w->m, OLDER_BIT, 1, ago);
-    for (v = w->latest; ago && v >= 0; ago--) v = w->older[v];
-    return v;
-}
-
-static void make_latest(Walk *w, int32_t node, int is_new) {
-    if (!is_new) {
-        if (w->latest == node) return;
-        const int32_t before = w->older[node], after = w->newer[node];
-        w->older[after] = before;
-        if (before >= 0) w->newer[before] = after;
-    }
-    w->older[node] = w->latest;
-    w->newer[node] = NOBODY;
-    if (w->latest >= 0) w->newer[w->latest] = node;
-    w->latest = node;
+    const int64_t since = code_number(w->m, OLDER_BIT, 1, most(w->n_met - 1 - node, 0));
+    return since < w->n_met ? w->n_met - 1 - (int32_t)since : NOBODY;
 }
 
 static void take_corner(Walk *w, int32_t node, int kind) {
@@ -139,7 +116,6 @@ static void take_corner(Walk *w, int32_t node, int kind) {
         w->n_met++;
         w->pivots[w->n_pivots++] = node;
     }
-    make_latest(w, node, kind == NEW);
     w->at_corner[w->corner] = (uint8_t)kind;
     w->kinds = 4 * w->kinds + kind;
     w->face[w->corner++] = node;

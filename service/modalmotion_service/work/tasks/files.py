@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import secrets
 import time
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from pydantic_core import from_json
 
 from modalmotion import store
+from modalmotion.exports.reading import picture_bytes
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress
@@ -51,9 +51,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 def png_of(figure: Figure) -> bytes:
     """Draw a figure as PNG."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return picture_bytes(figure, "png")
 
 
 def loaded_sequence(sequence: Path, track: Path | None) -> MeshSequence:

@@ -16,12 +16,14 @@ from modalmotion.classification.answer import classification_from_hdf5
 from modalmotion.clinical.ventricle import ventricle_readouts
 from modalmotion.exports import signature_pack, tables
 from modalmotion.formats import ReadLimits
+from modalmotion.formats.frame_files import stored_zip
 from modalmotion.mesh.checks import single_precision
 from modalmotion.mesh.facts import Facts
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.pictures.readouts import volume_figure
 from modalmotion.progress import Stopwatch
 from modalmotion.reports import dicom
+from modalmotion.reports.page import FILES
 from modalmotion.signature import distance, making, tradeoff
 from modalmotion.template.body_frame import Components
 from modalmotion.viewer import page, payload
@@ -278,15 +280,13 @@ def superpose(
     )
 
 
+_NAMES: Final = {FHIR: "report.fhir.json", PDF: "report.pdf", CSV: "frames.csv"}
+
+
 def make_report(one: Fitted, media_type: str, classification: Path | None) -> bytes:
     """Report on a signature, as FHIR, PDF or a table; the same bytes every time."""
-    report = _report(one, classification)
-    if media_type == PDF:
-        return reports.report_pdf(replace(report, name=one.title))
-    if media_type == CSV:
-        table = tables.frame_table(report.signature, report.readouts, report.ventricle)
-        return table.to_csv().encode()
-    return reports.fhir_json(report)
+    report = replace(_report(one, classification), name=one.title)
+    return FILES[_NAMES[media_type]](report, page.View(report.signature, report.sequence))
 
 
 def make_dicom(
@@ -311,18 +311,12 @@ def _report(one: Fitted, classification: Path | None) -> reports.Report:
 MOST_FRAME_BYTES: Final = 64_000_000
 
 
-NO_DATE: Final = (1980, 1, 1, 0, 0, 0)
-"""Of files in a zip, which knows no time before."""
-
-
 def make_whole_report(one: Fitted, classification: Path | None, output: Path) -> None:
     """Write each form of a report on a signature, and its page, to a zip."""
-    forms = {"report.pdf": PDF, "report.fhir.json": FHIR, "frames.csv": CSV}
-    files = {name: make_report(one, kind, classification) for name, kind in forms.items()}
-    files["view.html"] = _view(one, as_page=True)
-    with whole_file(output) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        for name, data in files.items():
-            archive.writestr(zipfile.ZipInfo(name, NO_DATE), data, zipfile.ZIP_DEFLATED)
+    report = replace(_report(one, classification), name=one.title)
+    view = _view_of(one, as_page=True)
+    files = {name: write(report, view) for name, write in FILES.items()}
+    write_whole(output, stored_zip(files, zipfile.ZIP_DEFLATED))
 
 
 def make_view(one: Fitted, as_page: bool, output: Path) -> None:
@@ -330,21 +324,20 @@ def make_view(one: Fitted, as_page: bool, output: Path) -> None:
 
     A page of one file is shown without a service: it holds the data of a track itself.
     """
-    write_whole(output, _view(one, as_page=as_page))
+    view = _view_of(one, as_page=as_page)
+    write_whole(output, page.view_page([view]).encode() if as_page else view.payload())
 
 
-def _view(one: Fitted, *, as_page: bool) -> bytes:
-    view = page.View(
+def _view_of(one: Fitted, *, as_page: bool) -> page.View:
+    track = one.track
+    return page.View(
         store.signature_from_hdf5(one.signature),
         one.read_sequence(),
         template=one.read_template(),
         title=one.title,
+        is_tracked=track is not None and not as_page,
+        data=store.track_from_hdf5(track).data if as_page and track is not None else None,
     )
-    track = one.track
-    if not as_page:
-        return replace(view, is_tracked=track is not None).payload()
-    data = None if track is None else store.track_from_hdf5(track).data
-    return page.view_page([replace(view, data=data)]).encode()
 
 
 def make_frames(one: Fitted, first: int, stop: int | None, output: Path) -> None:
@@ -355,10 +348,8 @@ def make_frames(one: Fitted, first: int, stop: int | None, output: Path) -> None
     LimitError
         If they are more than one answer has.
     """
-    loaded, fitted = (
-        store.sequence_from_hdf5(one.sequence),
-        store.signature_from_hdf5(one.signature),
-    )
+    loaded = store.sequence_from_hdf5(one.sequence)
+    fitted = store.signature_from_hdf5(one.signature)
     frames = range(loaded.n_frames)[first:stop]
     size = 6 * loaded.n_vertices * len(frames)
     if size > MOST_FRAME_BYTES and len(frames) > 1:

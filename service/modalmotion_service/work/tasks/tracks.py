@@ -141,7 +141,10 @@ def _with_ends(record: store.ImagesRecord, images: ImageSequence) -> store.Image
         return replace(
             record,
             is_label_map=True,
-            notes=(*record.notes, notes.Note.of("not_computed", reason=error.message)),
+            notes=(
+                *record.notes,
+                notes.Note.of("not_computed", reason=error.message, error=error.code),
+            ),
         )
     ends: dict[str, Any] = {
         name: tuple(

@@ -1,4 +1,4 @@
-"""Modal superposition, (2) of Nastar (1994), and surfaces known along their normals.
+"""Normal displacements: surfaces known along the normals of a reference.
 
 A place of the reference has one normal displacement in each frame, the height above it at which the
 surface of that frame, its rotation and drift removed, meets the normal there
@@ -20,13 +20,10 @@ from modalmotion.mesh.alignment import (
     Displacements,
     PositionBlock,
     Rotations,
-    reference_positions,
 )
-from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.numeric.scales import power_of_two
 from modalmotion.representation import Floats, Ints, shown
 from modalmotion.template import Template
-from modalmotion.template.body_frame import Components, from_local, local_frames
 from modalmotion.template.template import nearest_in_use
 
 # Below this the surface is no more on one side of its centroid than on the other: its winding
@@ -238,77 +235,3 @@ def _to_all_vertices(template: Template) -> Ints:
     if len(template.isolated):
         spread[template.isolated] = nearest_in_use(template.vertices, template.isolated)
     return spread
-
-
-@dataclass(frozen=True, eq=False)
-class Superposition:
-    """A reference shape, mode shapes on it, and how both become positions.
-
-    Parameters
-    ----------
-    start : (vertices, 3) float64, length unit
-        Reference positions.
-    centre : (3,) float64, length unit
-        Its weighted centroid.
-    shapes : (vertices, modes) float64
-    frames : (vertices, n, 3) float64 or None
-        Local directions of the components; None for x, y, z.
-    holds_drift : bool
-        Whether shapes hold the path of the centroid, as displacements do and normal displacements
-        do not.
-    """
-
-    start: Floats
-    centre: Floats
-    shapes: Floats
-    frames: Floats | None
-    holds_drift: bool = True
-
-    @staticmethod
-    def on(
-        sequence: MeshSequence,
-        template: Template,
-        shapes: Floats,
-        *,
-        reference: Reference,
-        components: Components,
-    ) -> "Superposition":
-        """Superpose shapes on one frame of a sequence, or on its mean shape."""
-        start = reference_positions(sequence, reference)
-        frames = None if components == Components.CARTESIAN else local_frames(template)
-        return Superposition(start, template.weights @ start, shapes, frames)
-
-    @staticmethod
-    def of_normal_displacements(
-        sequence: MeshSequence, template: Template, shapes: Floats, *, reference: Reference
-    ) -> "Superposition":
-        """Superpose shapes along the normals of a reference."""
-        start = reference_positions(sequence, reference)
-        directions, centre = normal_reference(template, start)
-        return Superposition(start, centre, shapes, directions, holds_drift=False)
-
-    def positions(self, amplitudes: Floats, matrices: Floats, translations: Floats) -> Floats:
-        """Positions that amplitudes, rotations and the path of the centroid represent.
-
-        Parameters
-        ----------
-        amplitudes : (frames, modes, n) float64, length unit
-        matrices : (frames, 3, 3) float64
-        translations : (frames, 3) float64, length unit
-
-        Returns
-        -------
-        (frames, vertices, 3) float64, length unit
-        """
-        # (2) u = sum_p a_p phi_p
-        u = self.shapes @ amplitudes
-        if self.frames is not None:
-            u = from_local(u, self.frames)
-        # R (x - c + u - d) + c + d, so written that what does not move stays to the last bit.
-        drift = translations[:, None, :]
-        if not self.holds_drift:
-            u = u + drift
-        turned = (self.start - self.centre + u - drift) @ (matrices - np.eye(3)).transpose(0, 2, 1)
-        x: Floats = self.start + u
-        x += turned
-        return x
