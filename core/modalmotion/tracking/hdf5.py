@@ -63,6 +63,16 @@ def track_to_hdf5(track: result.Track) -> bytes:
     sequence, template, known = track.sequence, track.template, track.sequence.uncertainty
     unit = sequence.unit
     across = track.covariances if known is None else known.across
+    estimate = {
+        "prior": asdict(track.prior),
+        "noise": asdict(track.noise),
+        "reference": track.reference,
+        "unseen": track.unseen,
+        "volume_correlation": track.volume_correlation,
+        "images": None if track.images is None else asdict(track.images),
+        "ejection_fraction_percent": track.ejection_fraction,
+        "ejection_fraction_bound": track.ejection_fraction_bound,
+    }
     datasets = [
         *sequence_datasets(sequence),
         *template_datasets(template, unit, "template_"),
@@ -71,7 +81,7 @@ def track_to_hdf5(track: result.Track) -> bytes:
         *datasets_of(track.modes, _MODES, unit),
         *([] if track.data is None else datasets_of(track.data, _DATA, unit, prefix="data_")),
         Dataset("across_covariances", across, f"{unit or UNKNOWN}^2", _ARRAYS["covariances"][1]),
-        json_text("estimate", _estimate(track)),
+        json_text("estimate", estimate),
         json_text("notes", track.notes),
         json_text("provenance", dict(track.provenance)),
     ]
@@ -121,19 +131,6 @@ def _data_in(contents: Contents, sizes: dict[str, int]) -> result.SampledData | 
     if counts.min(initial=0) < 0 or counts.sum() != n:
         raise ValueError(f"the frames have {counts.sum()} points, and there are {n}")
     return result.SampledData(**arrays)
-
-
-def _estimate(track: result.Track) -> dict[str, object]:
-    return {
-        "prior": asdict(track.prior),
-        "noise": asdict(track.noise),
-        "reference": track.reference,
-        "unseen": track.unseen,
-        "volume_correlation": track.volume_correlation,
-        "images": None if track.images is None else asdict(track.images),
-        "ejection_fraction_percent": track.ejection_fraction,
-        "ejection_fraction_bound": track.ejection_fraction_bound,
-    }
 
 
 def _track_in(contents: Contents) -> result.Track:

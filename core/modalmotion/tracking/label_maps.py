@@ -263,10 +263,11 @@ _FEWEST_SLICES: Final = 3
 _TURNS: Final = 3
 
 # Likelihood that the base is 0 to 1 slices above the highest one drawn, 1 to 2, 2 to 3, and that
-# it is up to half of one below; and anywhere up to the highest slice of all frames, where a reader
-# left out several of one frame.
+# it is up to half of one below; and anywhere up to the highest slice of all frames, or down to the
+# lowest, where a reader left out several slices of one frame, or drew too many.
 _ABOVE: Final = ((-0.5, 0.1), (0.0, 1.0), (1.0, 0.3), (2.0, 0.03), (3.0, 0.0))
 _LEFT_OUT: Final = 0.03
+_TOO_MANY: Final = 0.003
 
 # Deviation of the base of a frame from its path: mm, and of the length of the path. Percentage
 # points that the volume of sections taken from another frame may be off by, of their share.
@@ -448,8 +449,9 @@ def _stack(
 
 def _volume(s: _Stack, tip: float, level: float) -> float:
     """Volume between two levels, mm^3: near its tip a cavity is a paraboloid."""
-    ends = s.areas[0] * (s.heights[0] - tip) / 2.0 + s.areas[-1] * (level - s.heights[-1])
-    return float(np.trapezoid(s.areas, s.heights) + ends)
+    heights = np.minimum(s.heights, level)
+    ends = s.areas[0] * (heights[0] - tip) / 2.0 + s.areas[-1] * (level - heights[-1])
+    return float(np.trapezoid(s.areas, heights) + ends)
 
 
 def _way_to_tip(s: _Stack, step: float) -> float:
@@ -515,8 +517,8 @@ def _levels(
     mean, sd = moving_base.DESCENT
     c = mean + sd * np.linspace(-2.5, 2.5, 21)
     H = np.arange(tops.min() - step, tops.max() + mean * ejected.max() + 4.0 * step, _GRID)
-    most = max(gaps.max() + 2.0, (tops.max() - tops.min()) / step + 1.0)
-    slices = np.arange(-0.5, most, _GRID / step)
+    apart = (tops.max() - tops.min()) / step
+    slices = np.arange(-0.5 - apart, max(gaps.max() + 2.0, apart + 1.0), _GRID / step)
     h = slices * step
     edges, weights = np.array(_ABOVE).T
     off = np.hypot(_OFF_PATH[0], mean * np.hypot(_OFF_PATH[1] * ejected.max(), _OF_ADDED * added))
@@ -525,7 +527,9 @@ def _levels(
     for top, gap, own, sd_off in zip(tops, gaps, ejected, off, strict=True):
         above = np.where(slices < 0.0, slices, np.maximum(slices - (gap - 1.0), 0.0))
         of_slice = weights[np.searchsorted(edges, above + 1e-9, side="right") - 1]
-        of_slice = np.maximum(of_slice, _LEFT_OUT * (top + h < tops.max() + step))
+        between = (top + h > tops.min()) & (top + h < tops.max() + step)
+        wrong = np.where(slices > 0.0, _LEFT_OUT, _TOO_MANY)
+        of_slice = np.maximum(of_slice, between * wrong)
         path = H[:, None] - c * own
         likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * sd_off**2))
         total = np.maximum(likely.sum(axis=2), 1e-300)

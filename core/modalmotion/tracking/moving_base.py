@@ -139,7 +139,10 @@ def with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
         share = (s if name == "base" else 1.0 - s) ** _NEXT_TO_END
         # Frames that are missing have none.
         own, by_volume = np.nan_to_num(covariance), np.zeros(len(stated))
-        apart = np.diag(own) - _mean_of_others(own)
+        # Less the mean covariance with the others, none below zero.
+        mine = np.diag(own)
+        others = (own.sum(axis=1) - mine) / max(len(own) - 1, 1)
+        apart = mine - np.clip(others, 0.0, mine)
         for k, x in enumerate(track.sequence.vertices.astype(np.float64)):
             is_at_end = share >= min(_AT_END, share.max())
             axis = x[is_at_end].mean(axis=0) - x[share < 1.0 - _AT_END].mean(axis=0)
@@ -163,11 +166,3 @@ def with_levels(track: Track, levels: Mapping[str, Floats]) -> Track:
         volume_deviations=sd,
         volume_correlation=correlation,
     )
-
-
-def _mean_of_others(covariance: Floats) -> Floats:
-    """Mean covariance of each frame with the others, none below zero, (frames,)."""
-    n = len(covariance)
-    sums = covariance.sum(axis=1) - np.diag(covariance)
-    mean: Floats = np.clip(sums / max(n - 1, 1), 0.0, np.diag(covariance))
-    return mean

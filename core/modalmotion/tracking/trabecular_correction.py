@@ -16,7 +16,7 @@ from modalmotion.images.volume import Image
 from modalmotion.mesh import Cavity, face_areas, geometry, triangles
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topologies import CUP
-from modalmotion.representation import Bools, Floats, Ints
+from modalmotion.representation import Bools, Floats
 from modalmotion.template import make_template
 from modalmotion.tracking.deformable import Deformable
 from modalmotion.tracking.image_view import (
@@ -201,10 +201,12 @@ def with_trabeculae(
     first = views[reference]
     if first is None:
         return list(views), means
-    template = surface.template
-    heights = [_height(x, template.faces) for x in shapes]
+    template, faces = surface.template, surface.template.faces
+    # Of the cones over a surface that fill its cavity.
+    volumes = np.abs(Cavity(faces).volume(shapes))
+    heights = [3.0 * v / face_areas(x, faces).sum() for v, x in zip(volumes, shapes, strict=True)]
     muscle = muscle_within(first, imagings[reference], surface, heights[reference], in_layers=True)
-    areas = [triangles.vertex_areas(x, template.faces) for x in shapes]
+    areas = [triangles.vertex_areas(x, faces) for x in shapes]
     whole = float(muscle @ areas[reference])
     moved: list[View | None] = []
     for k, view in enumerate(views):
@@ -219,11 +221,6 @@ def with_trabeculae(
         moved.append(opened(view, depth))
         means[k] = template.weights @ depth
     return moved, means
-
-
-def _height(x: Floats, faces: Ints) -> float:
-    """Height of the cones over a surface that fill its cavity, mm."""
-    return 3.0 * abs(float(Cavity(faces).volume(x))) / float(face_areas(x, faces).sum())
 
 
 def _along(view: View) -> Floats:

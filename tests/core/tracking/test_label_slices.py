@@ -182,6 +182,13 @@ def test_slices_that_one_frame_lacks_say_nothing_of_its_base(n_slices: int) -> N
     assert [note.code for note in torn.notes] == ["slices_left_out"]
 
 
+def test_slices_that_one_frame_has_too_many_do_not_raise_the_others() -> None:
+    others = [stack(first=-52.0 - shift) for shift in (0.0, 1.0, 2.0)]
+    whole, wrong = found(*others, stack()), found(*others, stack(base=CUT + 3.0 * STEP))
+    assert wrong.bases[:3, 2] == pytest.approx(whole.bases[:3, 2], abs=0.15 * STEP)
+    assert abs(wrong.bases[3, 2] - whole.bases[3, 2]) < 2.0 * wrong.base_covariance[3, 3] ** 0.5
+
+
 @pytest.mark.parametrize("share", [0.9, 1.1, 1.6])
 def test_a_lowest_section_that_is_too_wide_leaves_the_tip_near(share: float) -> None:
     whole = stack(first=-54.0)
