@@ -108,8 +108,7 @@ class ModelCard(Plotted):
 
     def as_json(self) -> dict[str, Any]:
         """Return the card as JSON-able values, tuples as lists."""
-        listed: dict[str, Any] = plain(self)
-        return listed
+        return dict(plain(self))
 
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> "ModelCard":

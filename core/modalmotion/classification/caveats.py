@@ -165,8 +165,7 @@ def _parts_of(values: Sequence[float | str | None]) -> Ints:
         keys = ["" if v is None else str(np.searchsorted(edges, float(v))) for v in values]
     else:
         keys = ["" if v is None else f"={v}" for v in values]
-    place: Ints = np.unique(keys, return_inverse=True)[1]
-    return place
+    return np.asarray(np.unique(keys, return_inverse=True)[1])
 
 
 def _exchanged(y: Ints, groups: Ints, rng: "np.random.Generator") -> Ints:

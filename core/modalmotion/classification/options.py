@@ -117,8 +117,7 @@ class TrainingOptions:
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as JSON-able values."""
-        values: dict[str, Any] = plain(self)
-        return values
+        return dict(plain(self))
 
     @staticmethod
     def from_json(values: Mapping[str, Any]) -> "TrainingOptions":

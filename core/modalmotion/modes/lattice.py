@@ -140,8 +140,7 @@ class Lattice:
             h = modes.half_periods[:, axis]
             half_angle = sin_pi(h, n if ends == topologies.CLOSED else 4 * n)
             omega_squared += (4.0 * ratio) * half_angle**2
-        frequencies: Floats = np.ldexp(np.sqrt(omega_squared), exponent // 2)
-        return frequencies
+        return np.asarray(np.ldexp(np.sqrt(omega_squared), exponent // 2))
 
     def shapes(self, modes: ModeSet, nodes: Ints | list[int] | None = None) -> Floats:
         """Evaluate mode shapes at the nodes, the Phi of (6) K Phi = M Phi Omega^2.
@@ -701,8 +700,7 @@ def exact_products(factors: Ints, others: Ints, modulus: int) -> Ints:
     """
     most = _largest(factors) * _largest(others)
     if most < 2**62:
-        reduced: Ints = np.multiply.outer(factors, others) % modulus
-        return reduced
+        return np.asarray(np.multiply.outer(factors, others) % modulus)
     exact = np.multiply.outer(factors.astype(object), others.astype(object)) % modulus
     return np.asarray(exact, dtype=np.int64)
 

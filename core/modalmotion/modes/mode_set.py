@@ -213,8 +213,7 @@ class ModeSet(FrozenArrays):
     def frequencies_on(self, surface: Surface, wave_speed: float) -> Floats:
         """Angular frequencies w = c k, (modes,) float64, rad per s, in the limit of long waves."""
         finite = tuple(length if length > 0 else np.inf for length in surface.lengths)
-        frequencies: Floats = wave_speed * self.wavenumbers_on(finite)
-        return frequencies
+        return np.asarray(wave_speed * self.wavenumbers_on(finite))
 
     def length_of(
         self,

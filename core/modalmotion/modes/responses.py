@@ -283,13 +283,11 @@ def _mean_decay(x: Twofold) -> Floats:
 
 
 def _sin(x: Twofold) -> Floats:
-    sine: Floats = np.sin(x.high) * np.cos(x.low) + np.cos(x.high) * np.sin(x.low)
-    return sine
+    return np.asarray(np.sin(x.high) * np.cos(x.low) + np.cos(x.high) * np.sin(x.low))
 
 
 def _cos(x: Twofold) -> Floats:
-    cosine: Floats = np.cos(x.high) * np.cos(x.low) - np.sin(x.high) * np.sin(x.low)
-    return cosine
+    return np.asarray(np.cos(x.high) * np.cos(x.low) - np.sin(x.high) * np.sin(x.low))
 
 
 def _sinc(x: Twofold) -> Floats:

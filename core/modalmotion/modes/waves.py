@@ -133,8 +133,7 @@ def _length(vectors: Floats) -> Floats:
 def _rates(lattice: Lattice) -> Floats:
     """sqrt(K / M) of each axis, (axes,) float64."""
     ratios, exponent = lattice.squared_speeds
-    speeds: Floats = np.ldexp(np.sqrt(ratios), exponent // 2)
-    return speeds
+    return np.asarray(np.ldexp(np.sqrt(ratios), exponent // 2))
 
 
 def _spacings(lattice: Lattice, spacing: Spacing) -> Floats:

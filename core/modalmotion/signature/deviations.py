@@ -136,8 +136,7 @@ def turns_of_axes(placement: Placement, uncertainty: Uncertainty, rotations: Flo
             covariance += rows @ of_frame @ rows.T / n_frames
     variances, columns = np.linalg.eigh(share * covariance)
     sizes = np.minimum(np.sqrt(np.maximum(variances, 0.0)), _UNKNOWN)
-    turns: Floats = (columns * sizes).T[sizes > 0]
-    return turns
+    return np.asarray((columns * sizes).T[sizes > 0])
 
 
 def _answers(
@@ -244,8 +243,7 @@ def _from_reference(own: Floats, between_frames: float, reference: Reference) ->
     else:
         c = correlations[:, reference][:, None, None]
         variances = own**2 - 2.0 * c * own * own[reference] + own[reference] ** 2
-    deviations: Floats = np.sqrt(np.maximum(variances, 0.0))
-    return deviations
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
 def deviations_of(fitter: Fitter, fit: Fit, noise: Noise | None) -> tuple[Floats, list[Note]]:

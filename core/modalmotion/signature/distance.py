@@ -96,8 +96,7 @@ def resample_to_phase(
     at = np.arange(n_frames, dtype=np.float64) if times is None else times - times[0]
     if not closed:
         spline = scipy.interpolate.CubicSpline(at / at[-1], amplitudes, axis=0)
-        path: Floats = spline(np.linspace(0.0, 1.0, n_phases))
-        return path
+        return np.asarray(spline(np.linspace(0.0, 1.0, n_phases)))
     span = at[-1] * n_frames / (n_frames - 1) if period is None else period
     if not span > at[-1]:
         raise ParameterError(
@@ -156,8 +155,7 @@ def theta_invariants(
     real = amplitudes[:, cosines]
     imaginary = np.where(has_sine[None, :, None], amplitudes[:, sines], 0.0)
     if components == Components.CYLINDRICAL or amplitudes.shape[2] == 1:
-        magnitudes: Floats = np.hypot(real, imaginary)
-        return magnitudes
+        return np.asarray(np.hypot(real, imaginary))
     x, y, z = np.moveaxis(real + 1j * imaginary, 2, 0)
     # |X + i Y|^2 + |X - i Y|^2 = 2 (|X|^2 + |Y|^2)
     one, other = np.abs(x + 1j * y) / np.sqrt(2), np.abs(x - 1j * y) / np.sqrt(2)
@@ -171,8 +169,7 @@ def _trigonometric(values: Floats, targets: Floats) -> Floats:
     p = np.arange(len(coefficients))
     factor = np.where((p == 0) | (2 * p == n), 1.0, 2.0)[:, None]
     waves = np.exp(2j * np.pi * np.outer(targets, p))
-    result: Floats = (waves @ (factor * coefficients)).real
-    return result
+    return np.asarray((waves @ (factor * coefficients)).real)
 
 
 def _least_squares(values: Floats, phases: Floats, targets: Floats) -> Floats:
@@ -182,8 +179,7 @@ def _least_squares(values: Floats, phases: Floats, targets: Floats) -> Floats:
         if n_harmonics == 0 or np.linalg.cond(design) <= _LARGEST_CONDITION:
             break
     coefficients = np.linalg.lstsq(design, values, rcond=None)[0]
-    result: Floats = _harmonics(targets, n_harmonics) @ coefficients
-    return result
+    return np.asarray(_harmonics(targets, n_harmonics) @ coefficients)
 
 
 def _harmonics(phases: Floats, n_harmonics: int) -> Floats:

@@ -353,5 +353,4 @@ def _notes_on_strays(sequence: MeshSequence, template: Template, fit: Fit) -> li
 def _lengths(vertices: Floats, sides: Ints, extent: float) -> Floats:
     """Lengths of sides over the extent, whose squares are ordinary numbers in any unit."""
     along = (vertices[sides[:, 1]] - vertices[sides[:, 0]]) / extent
-    lengths: Floats = np.linalg.norm(along, axis=1)
-    return lengths
+    return np.asarray(np.linalg.norm(along, axis=1))

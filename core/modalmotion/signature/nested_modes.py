@@ -140,8 +140,7 @@ class Energies:
         """
         by_mode = self._added(self.coefficients, self.cross).sum(axis=0) / len(self.coefficients)
         squares = float(self.outside.mean()) + _dropped(by_mode)[counts]
-        rms: Floats = self.scale * np.sqrt(np.maximum(squares, 0.0))
-        return rms
+        return np.asarray(self.scale * np.sqrt(np.maximum(squares, 0.0)))
 
     def joint_rms(self, counts: Ints, harmonics: "Harmonics") -> Floats:
         """RMS error of the first so many modes, their paths limited to harmonics.
@@ -162,8 +161,7 @@ class Energies:
         late = np.concatenate([np.zeros((len(n), 1)), np.cumsum(lost, axis=1)], axis=1)
         by_mode = by_function.sum(axis=0) + left
         squares = float(self.outside.mean()) + _dropped(by_mode)[counts][:, None] + late.T[counts]
-        joint: Floats = self.scale * np.sqrt(np.maximum(squares, 0.0))
-        return joint
+        return np.asarray(self.scale * np.sqrt(np.maximum(squares, 0.0)))
 
     def _added(self, c: Floats, cross: Floats | None) -> Floats:
         """Mean square that each mode adds when it is dropped after all later ones, by row.
@@ -177,15 +175,13 @@ class Energies:
         (rows, modes) float64
         """
         if self.overlaps is None or cross is None:
-            squares: Floats = (c**2).sum(axis=2)
-            return squares
+            return np.asarray((c**2).sum(axis=2))
         # sum_{i,j >= k} G_ij c_i c_j grows by c_k (G_kk c_k + 2 sum_{j > k} G_kj c_j)
         G = np.diag(np.diag(self.overlaps)) + 2.0 * np.triu(self.overlaps, 1)
         rows, m, n_directions = c.shape
         flat = np.ascontiguousarray(c.transpose(1, 0, 2).reshape(m, -1))
         later = (G @ flat).reshape(m, rows, n_directions).transpose(1, 0, 2)
-        added: Floats = (c * (later + 2.0 * cross)).sum(axis=2)
-        return added
+        return np.asarray((c * (later + 2.0 * cross)).sum(axis=2))
 
 
 def energies_of(fitter: Fitter, fit: Fit, kind: ErrorKind = ErrorKind.WEIGHTED_RMS) -> Energies:

@@ -97,8 +97,7 @@ def independent(products: Floats) -> Floats:
     n, own = products.shape[-1], np.diagonal(products, axis1=-2, axis2=-1)
     # E (x'y)^2 = tr(C^2) for independent fields x and y.
     squares = ((products**2).sum(axis=(-2, -1)) - (own**2).sum(axis=-1)) / (n * (n - 1))
-    found: Floats = own.mean(axis=-1) ** 2 / np.maximum(squares, 1e-300)
-    return found
+    return np.asarray(own.mean(axis=-1) ** 2 / np.maximum(squares, 1e-300))
 
 
 def shares_of(basis: Basis, noise: SmoothNoise, mixed: int) -> Floats:
@@ -127,8 +126,7 @@ def edges_of(template: Template) -> Ints:
 def over_time(correlation: float, n_frames: int) -> Floats:
     """Correlations of the noise of any two frames, (frames, frames) float64."""
     lags = np.abs(np.subtract.outer(np.arange(n_frames), np.arange(n_frames)))
-    result: Floats = np.float64(correlation) ** lags
-    return result
+    return np.asarray(np.float64(correlation) ** lags)
 
 
 # Modes that make bands, their largest share of the vertices, and their number in a band.
@@ -280,8 +278,7 @@ def likelihoods(energies: Floats, log_dets: Floats, columns: Floats, cost: float
     with np.errstate(divide="ignore", invalid="ignore"):
         levels = np.where(noises > 0, noises * np.log(rest / noises), 0.0)
     found = -0.5 * n[:, None] * (levels + own + log_dets[:, None, None]) - cost * moving
-    best: Floats = found.max(axis=2).sum(axis=1)
-    return best
+    return np.asarray(found.max(axis=2).sum(axis=1))
 
 
 def levels_of(

@@ -133,8 +133,7 @@ class Resampled:
     @property
     def rms_deviations(self) -> Floats:
         """RMS over the vertices, (n,) float64, length unit."""
-        rms: Floats = np.sqrt((self.deviations**2).mean(axis=1))
-        return rms
+        return np.asarray(np.sqrt((self.deviations**2).mean(axis=1)))
 
 
 def resample(sequence: MeshSequence, phases: Floats | list[float] | float | int) -> Resampled:

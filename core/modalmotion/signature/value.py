@@ -147,8 +147,7 @@ class ModalSignature(Saved, Plotted):
         is_cartesian = self.parameters.components == Components.CARTESIAN
         if self.landmarks is None or not is_cartesian or self.kind != SignatureKind.MATERIAL:
             return self.amplitudes
-        turned: Floats = self.amplitudes @ body_frame(self.landmarks).T
-        return turned
+        return np.asarray(self.amplitudes @ body_frame(self.landmarks).T)
 
     @property
     def n_frames(self) -> int:
@@ -205,15 +204,13 @@ class ModalSignature(Saved, Plotted):
         if scale == 0.0:
             return np.zeros(len(self.modes))
         squares = ((self.amplitudes / scale) ** 2).sum(axis=2).mean(axis=0)
-        spectrum: Floats = scale * np.sqrt(squares)
-        return spectrum
+        return np.asarray(scale * np.sqrt(squares))
 
     @property
     def strain_energy(self) -> Floats:
         """Strain energy ``w^2 |a|^2 / 2`` of each mode, (frames, modes), per mass, s^-2."""
         velocities = self.angular_frequencies[:, None] * self.amplitudes
-        energy: Floats = 0.5 * (velocities**2).sum(axis=2)
-        return energy
+        return np.asarray(0.5 * (velocities**2).sum(axis=2))
 
     @property
     def n_amplitudes(self) -> int:
