@@ -11,7 +11,16 @@ import numpy as np
 
 from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import ParameterError, ShapeError, TopologyError
-from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, Form, json_text
+from modalmotion.hdf5.image import (
+    ANY_IDS,
+    UNKNOWN,
+    Contents,
+    Dataset,
+    Form,
+    Ids,
+    datasets_of,
+    json_text,
+)
 from modalmotion.mesh import checks, fact_forms, triangles
 from modalmotion.mesh.facts import NO_FACTS, Facts
 from modalmotion.modes import topologies
@@ -350,10 +359,15 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
 
 
 FORM: Final = Form("sequence", 2)
-"""Version 1 had no facts."""
 
-TRACK: Final = Form("track", 5)
+TRACK: Final = Form("track", 6)
 """Of a track, which contains its sequence in the same way."""
+
+_ARRAYS: Final = {
+    "vertices": ("{u}", "frame, vertex, direction"),
+    "faces": ("1", "face, corner"),
+    "times": ("s", "frame"),
+}
 
 
 def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
@@ -379,18 +393,11 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
 
 def sequence_datasets(sequence: MeshSequence) -> list[Dataset]:
     """Datasets of a sequence, in its own file or in that of a track."""
-    vertices = sequence.vertices.astype(sequence.vertices.dtype.newbyteorder("<"), copy=False)
-    datasets = [
-        Dataset("vertices", vertices, sequence.unit or UNKNOWN, "frame, vertex, direction"),
-        Dataset("faces", sequence.faces.astype("<i8", copy=False), "1", "face, corner"),
-        json_text("facts", fact_forms.facts_as_json(sequence.facts)),
-    ]
-    if sequence.times is not None:
-        datasets.append(Dataset("times", sequence.times, "s", "frame"))
-    return datasets
+    facts = json_text("facts", fact_forms.facts_as_json(sequence.facts))
+    return [*datasets_of(sequence, _ARRAYS, sequence.unit), facts]
 
 
-def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
+def sequence_from_hdf5(source: bytes | Path, form: Form = FORM, ids: Ids = ANY_IDS) -> MeshSequence:
     """Read a mesh sequence, bit for bit as written.
 
     Parameters
@@ -398,29 +405,26 @@ def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
     source : bytes or Path
     form : Form
         `TRACK` reads the sequence of a track, without its errors.
+    ids : mapping
+        Attributes that it must have.
 
     Raises
     ------
     StoreError
         As in `Form.read`.
     """
-    return read_sequence(source, form)[0]
-
-
-def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence, Contents]:
-    """Read a mesh sequence together with the contents of its file."""
-    with form.read(source) as contents:
-        return sequence_in(contents), contents
+    with form.read(source, ids) as contents:
+        return sequence_in(contents)
 
 
 def sequence_in(contents: Contents) -> MeshSequence:
     """Sequence that the contents of a file have."""
+    arrays = contents.table(_ARRAYS, {"direction": 3, "corner": 3}, optional=("times",))
     return mesh_sequence(
-        checks.given_up(contents.array("vertices", (None, None, 3))),
-        contents.array("faces", (None, 3)),
+        checks.given_up(arrays.pop("vertices")),
+        **arrays,
         grid=contents.attributes.get("grid"),
         topology=contents.optional_text("topology"),
-        times=contents.arrays.get("times"),
         unit=contents.unit,
         facts=fact_forms.facts_from_json(contents.json("facts", dict)),
     )

@@ -130,7 +130,7 @@ class ModeSet(FrozenArrays):
     @property
     def arrays(self) -> dict[str, Array]:
         """Datasets of the modes in files."""
-        return {"wavenumbers": self.wavenumbers, "is_sine": self.is_sine.astype(np.uint8)}
+        return {"wavenumbers": self.wavenumbers, "is_sine": self.is_sine}
 
     def take(self, indices: Ints | list[int] | slice) -> "ModeSet":
         """Modes at these indices, in this order."""
