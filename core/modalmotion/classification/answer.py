@@ -23,7 +23,7 @@ from modalmotion.classification.model_files import (
 from modalmotion.classification.motion import Motion
 from modalmotion.classification.motion_features import AXIS, VOLUME, volume_share, waves_of
 from modalmotion.classification.outliers import OUT_OF_DOMAIN, UNREADABLE, Flag
-from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
+from modalmotion.hdf5.image import ANY_IDS, Dataset, Form, Ids, json_text
 from modalmotion.mesh import spring_modes
 from modalmotion.mesh.sequence import MEAN, MeshSequence
 from modalmotion.modes.topologies import CYLINDER
@@ -519,29 +519,26 @@ def classification_to_hdf5(
     return FORM.image(ids, datasets, model=classification.model)
 
 
-def classification_from_hdf5(source: bytes | Path) -> Classification:
+def classification_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> Classification:
     """Read a classification, bit for bit as it was written.
 
     Parameters
     ----------
     source : bytes or Path
+    ids : mapping
+        Attributes that it must have.
 
     Raises
     ------
     StoreError
         As in `Form.read`.
     """
-    return read_classification(source)[0]
-
-
-def read_classification(source: bytes | Path) -> tuple[Classification, Contents]:
-    """Read a classification together with the contents of its file."""
-    with FORM.read(source) as contents:
+    with FORM.read(source, ids) as contents:
         texts = {name: tuples_of(contents.json(name, object)) for name in _OF_ANSWER}
         if (label := texts["label"]) not in (None, *texts["classes"]):
             raise ValueError(f"the label {str(label)[:80]!r} is not one of the classes")
         texts["notes"] = notes_from_json(contents.json("notes", list))
-        classification = Classification(
+        return Classification(
             sequence_id=contents.text("sequence_id"),
             model=contents.text("model"),
             model_id=contents.text("model_id"),
@@ -551,4 +548,3 @@ def read_classification(source: bytes | Path) -> tuple[Classification, Contents]
             ),
             **texts,
         )
-    return classification, contents

@@ -20,8 +20,8 @@ from modalmotion.classification.model import (
     answering_parts,
 )
 from modalmotion.classification.motion import Column
-from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
-from modalmotion.representation import Array, shown
+from modalmotion.hdf5.image import ANY_IDS, Contents, Dataset, Form, Ids, json_text
+from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_from_json
 
 FORM: Final = Form("model", 12)
@@ -143,11 +143,11 @@ def model_to_hdf5(model: Model | KeptModel) -> bytes:
     return FORM.image({"model_id": record.id}, datasets, model=name, version=record.version)
 
 
-def read_kept_model(source: bytes | Path) -> tuple[KeptModel, Contents]:
+def read_kept_model(source: bytes | Path, ids: Ids = ANY_IDS) -> KeptModel:
     """Read a model's file without interpreting the model in it."""
     _require_size(source)
-    with FORM.read(source) as contents:
-        return kept_model_in(contents), contents
+    with FORM.read(source, ids) as contents:
+        return kept_model_in(contents)
 
 
 def kept_model_in(contents: Contents) -> KeptModel:
@@ -214,7 +214,7 @@ def _model(kept: KeptModel, contents: Contents) -> Model:
         raise ValueError("the parts of the model do not fit together")
     sizes = {"class": len(classes), "feature": len(columns), "end": 2, "symmetry": 2, "bound": 3}
     sizes |= {"place": len(outliers.PLACE), "check": len(outliers.CHECKS)}
-    arrays = {name: _array(contents, name, sizes) for name in _AXES if name in contents.arrays}
+    arrays = contents.table({name: ("1", _AXES[name]) for name in kept.arrays}, sizes)
     ends = np.cumsum(arrays["n_strangeness"].astype(np.int64))
     detector = texts["detector"]
     return Model(
@@ -235,14 +235,6 @@ def _model(kept: KeptModel, contents: Contents) -> Model:
         cross_validation=_held_out(classes, arrays),
         **{name: arrays[name] for name in OF_MODEL},
     )
-
-
-def _array(contents: Contents, name: str, sizes: dict[str, int]) -> Array:
-    """Read an array whose axes are as long as those of the same name that were read before."""
-    axes = _AXES[name].split(", ")
-    array = contents.array(name, tuple(sizes.get(axis) for axis in axes))
-    sizes.update(zip(axes, array.shape, strict=True))
-    return array
 
 
 def _held_out_arrays(validation: performance.CrossValidation) -> Arrays:

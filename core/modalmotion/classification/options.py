@@ -49,26 +49,28 @@ class TrainingOptions:
     Parameters
     ----------
     modes : int or None
-        Of the signatures; see `SignatureParameters`. Features of the first 7 of them are weighed,
-        too. None for 18, or as many as every recording can resolve.
+        Modes of the signatures, 3 amplitudes per frame each. Features of the first 7 of them are
+        weighed, too. None for 18, or as many as every recording can resolve.
     topology : str or None
-        Of the signatures: None lets the cases decide, all together. "mesh" for spring modes.
+        cup, sphere, ..., or mesh for spring modes: found from all cases by default.
     kind : SignatureKind or None
-        MATERIAL where vertices follow the tissue, NORMAL_DISPLACEMENT where they may
-        slide over it. None takes what all recordings state as their tracking; where some state
-        none, both kinds are weighed inside the folds, and the model reads the better one.
+        material if points follow the tissue, normal_displacement if they may slide over it, by
+        default what all recordings state, and else the better of both. This is found inside the
+        folds.
     timing : Timing
+        cycle for one period of a cycle, transient for a movement with a beginning and an end.
         AUTO weighs both where the recordings close.
     groups : str or None
-        Covariate, such as a site, whose cases are never on both sides of a split, nor are those
-        of a subject.
+        Column of the manifest, such as site, whose cases are never divided by a split. Those of a
+        subject are not either.
     on_error : OnError
         LEAVE_OUT goes on without the cases that do not fit; the card names them.
     folds : int
-        Of the grouped cross-validation.
+        Folds of the grouped cross-validation.
     repetitions : int
-        Of the cross-validation, each with folds of its own.
+        Repetitions of the cross-validation, each with folds of its own.
     seed : int
+        Seed of all random numbers.
 
     Raises
     ------

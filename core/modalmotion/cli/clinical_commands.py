@@ -22,6 +22,7 @@ from modalmotion.signature.mode_names import direction_names
 
 if TYPE_CHECKING:
     from modalmotion import classification, reports
+    from modalmotion.clinical.ventricle import VentricleReadouts
 
 
 @shared.command("readouts beat.npz --modes 18 -o volumes.png")
@@ -62,13 +63,12 @@ def readouts(
     found = reports.Report(
         signature, sequence, result, ventricle, None, None, datetime.now(UTC), ()
     )
-    return readouts_json(result, ventricle), _lines(found)
+    return readouts_json(result, ventricle), _lines(found, result, ventricle)
 
 
-def _lines(report: reports.Report) -> Iterator[str]:
-    readouts, ventricle = report.readouts, report.ventricle
-    assert readouts is not None  # noqa: S101
-    assert ventricle is not None  # noqa: S101
+def _lines(
+    report: reports.Report, readouts: clinical.ClinicalReadouts, ventricle: VentricleReadouts
+) -> Iterator[str]:
     unit, curve = readouts.volume_unit, readouts.stated
     capped = ", capped" if readouts.n_openings else ""
     yield f"{counted(readouts.n_openings, 'opening')}{capped}"

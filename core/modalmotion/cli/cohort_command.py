@@ -8,7 +8,8 @@ import hashlib
 import shutil
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -38,17 +39,9 @@ _NO_SEQUENCES: Final = (".csv", ".tsv", ".json", ".txt", ".md", ".png", ".svg", 
 _MOST_PRINTED: Final = 50
 
 
-@dataclass(frozen=True)
-class _Signed:
-    """What became of a recording; its stamp is that of the file as it was read."""
-
-    file: LabelledFile
-    stamp: str
-    record: SequenceRecord | None = None
-    signature: ModalSignature | None = None
-    vertices: bytes = b""
-    kind: str = ""
-    error: str = ""
+_Row = dict[str, Any]
+_Made = tuple[bytes, "SequenceRecord", ModalSignature]
+"""Vertices, record and signature of a recording."""
 
 
 @shared.command("cohort cases.csv -o results --workers 8")
@@ -88,10 +81,11 @@ def cohort(
     files = _files(source)
     if not files:
         raise errors.ParameterError(f"'{source}' names no recording.", remedy="Check it.")
+    counts = {"n_made": 0, "n_known": 0}
     with ResultStore(output, keep_uploads=keep_vertices) as store:
-        work = _Work(store, options, keep_vertices)
+        work = partial(_rows, store, options, counts)
         with joblib_backend(scheduler, workers or -1):
-            rows = work.rows(files, parameters)
+            rows = work(files, parameters)
             # Recordings of one mesh have one kind of modes: closed ones that their shape alone made
             # spheres have springs where others of their mesh do.
             kinds = {row["kind"] for row in rows}
@@ -102,13 +96,13 @@ def cohort(
                 if row["kind"] in {f"{SPHERE.name} {mesh}" for mesh in meshes}
             ]
             springs = replace(parameters, topology=MESH)
-            again = work.rows([file for _, file in spheres], springs)
+            again = work([file for _, file in spheres], springs)
             for (number, _), row in zip(spheres, again, strict=True):
                 rows[number] = row
     table = csv_text([_COLUMNS, *([row[name] for name in _COLUMNS] for row in rows)])
     write_atomic(output / _TABLE, table.encode())
     failures = [[row["path"], row["error"]] for row in rows if row["error"]]
-    answer = {"n_made": work.n_made, "n_known": work.n_known, "failures": failures}
+    answer = {**counts, "failures": failures}
     for path, error in failures[:_MOST_PRINTED]:
         click.echo(f"{path}: {error}", err=True)
     fails = failures and not skip_unreadable
@@ -116,53 +110,48 @@ def cohort(
     return answer, said, click.exceptions.Exit(1) if fails else None
 
 
-class _Work:
-    """Recordings that are fitted into a store, but for those that it knows."""
+def _rows(
+    store: ResultStore,
+    stated: dict[str, Any],
+    counts: dict[str, int],
+    files: list[LabelledFile],
+    parameters: SignatureParameters,
+) -> list[_Row]:
+    """Fit what the store does not know, wherever joblib works; gives a row for each file."""
+    from joblib import Parallel, delayed
 
-    def __init__(self, store: ResultStore, stated: dict[str, Any], keeps: bool) -> None:
-        self._store = store
-        self._stated = stated
-        self._keeps = keeps
-        self.n_made = self.n_known = 0
+    from modalmotion.store import UNSET
 
-    def rows(
-        self, files: list[LabelledFile], parameters: SignatureParameters
-    ) -> list[dict[str, Any]]:
-        """Fit what is not done yet, wherever joblib works; gives a row of the table for each."""
-        from joblib import Parallel, delayed
-
-        from modalmotion.store import UNSET
-
-        store, table = self._store, self._store.root / _TABLE
-        done = _known(table, store, parameters.key)
-        left = [file for file in files if (_name(file), _stamp(file)) not in done]
-        self.n_known += len(files) - len(left)
-        work = (delayed(_signed)(file, parameters, self._stated, self._keeps) for file in left)
-        failed: dict[str, dict[str, Any]] = {}
-        with (
-            progress_bar(length=len(left), label="signatures") as bar,
-            table.open("a", newline="") as lines,
-        ):
-            for signed in Parallel(return_as="generator_unordered")(work) if left else ():
-                row = _row(signed, parameters.key)
-                if signed.record is not None and signed.signature is not None:
-                    store.put_sequence_image(signed.vertices, signed.record)
-                    store.put_signature(signed.signature)
-                    done[row["path"], row["stamp"]] = row
-                    self.n_made += 1
-                else:
-                    failed[row["path"]] = row
-                csv.DictWriter(lines, _COLUMNS).writerow(row)
-                lines.flush()
-                bar.update(1)
-        of_paths = {path: row for (path, _), row in done.items()} | failed
-        for file in files:
-            if sequence_id := of_paths[_name(file)]["sequence_id"]:
-                # What the manifest says now.
-                store.update_sequence(
-                    sequence_id, subject=file.subject or UNSET, label=file.label or UNSET
-                )
-        return [of_paths[_name(file)] for file in files]
+    table, keeps = store.root / _TABLE, store.keep_uploads
+    done = _known(table, store, parameters.key)
+    left = [file for file in files if (_name(file), _stamp(file)) not in done]
+    counts["n_known"] += len(files) - len(left)
+    work = (delayed(_signed)(file, parameters, stated, keeps) for file in left)
+    failed: dict[str, _Row] = {}
+    with (
+        progress_bar(length=len(left), label="signatures") as bar,
+        table.open("a", newline="") as lines,
+    ):
+        for row, made in Parallel(return_as="generator_unordered")(work) if left else ():
+            if made is not None:
+                vertices, record, signature = made
+                store.put_sequence_image(vertices, record)
+                store.put_signature(signature)
+                done[row["path"], row["stamp"]] = row
+                counts["n_made"] += 1
+            else:
+                failed[row["path"]] = row
+            csv.DictWriter(lines, _COLUMNS).writerow(row)
+            lines.flush()
+            bar.update(1)
+    of_paths = {path: row for (path, _), row in done.items()} | failed
+    for file in files:
+        if sequence_id := of_paths[_name(file)]["sequence_id"]:
+            # What the manifest says now.
+            store.update_sequence(
+                sequence_id, subject=file.subject or UNSET, label=file.label or UNSET
+            )
+    return [of_paths[_name(file)] for file in files]
 
 
 def _files(source: Path) -> list[LabelledFile]:
@@ -186,26 +175,29 @@ def _stamp(file: LabelledFile) -> str:
 
 def _signed(
     file: LabelledFile, parameters: SignatureParameters, stated: dict[str, Any], keeps: bool
-) -> _Signed:
+) -> tuple[_Row, _Made | None]:
     """Fit one signature, in a process of joblib; an error costs this file alone."""
     from modalmotion.store import record_of, upload_image
 
-    stamp = _stamp(file)
+    row: _Row = dict.fromkeys(_COLUMNS, "")
+    # The stamp is that of the file as it was read.
+    row |= {"path": _name(file), "stamp": _stamp(file), "settings": parameters.key}
     try:
         with _here(file) as path:
             stated = {**stated}
             options = formats.ReadOptions(facts=stated_facts(stated).over(file.facts), **stated)
             sequence = sequence_of(path, options)
         signature = modal_signature(sequence, parameters)
-        record = record_of(sequence, created="", has_upload=keeps)
-        vertices = upload_image(sequence) if keeps else b""
-        kind = _kind_by_shape(sequence, signature)
-        return _Signed(file, stamp, record, signature, vertices, kind)
     except errors.ModalMotionError as error:
-        return _Signed(file, stamp, error=str(error))
+        return {**row, "error": str(error)}, None
     except OSError as error:
         # What a URL's query says may be secret.
-        return _Signed(file, stamp, error=f"it cannot be fetched: {type(error).__name__}")
+        return {**row, "error": f"it cannot be fetched: {type(error).__name__}"}, None
+    row |= {"key": signature.parameters.key, "sequence_id": signature.sequence_id}
+    row |= {"rms_error": signature.rms_error, "unit": signature.unit or ""}
+    row["kind"] = _kind_by_shape(sequence, signature)
+    record = record_of(sequence, created="", has_upload=keeps)
+    return row, (upload_image(sequence) if keeps else b"", record, signature)
 
 
 @contextlib.contextmanager
@@ -223,7 +215,7 @@ def _here(file: LabelledFile) -> Iterator[Path]:
         yield path
 
 
-def _known(table: Path, store: ResultStore, settings: str) -> dict[tuple[str, str], dict[str, Any]]:
+def _known(table: Path, store: ResultStore, settings: str) -> dict[tuple[str, str], _Row]:
     """Read what earlier runs have done with these parameters, and what the store still has."""
     known = {}
     with contextlib.suppress(OSError), table.open(newline="") as lines:
@@ -233,16 +225,6 @@ def _known(table: Path, store: ResultStore, settings: str) -> dict[tuple[str, st
                 if row["settings"] == settings and is_there:
                     known[row["path"], row["stamp"]] = row
     return known
-
-
-def _row(signed: _Signed, settings: str) -> dict[str, Any]:
-    row: dict[str, Any] = dict.fromkeys(_COLUMNS, "")
-    row |= {"path": _name(signed.file), "stamp": signed.stamp, "settings": settings}
-    row |= {"error": signed.error, "kind": signed.kind}
-    if (signature := signed.signature) is not None:
-        row |= {"key": signature.parameters.key, "sequence_id": signature.sequence_id}
-        row |= {"rms_error": signature.rms_error, "unit": signature.unit or ""}
-    return row
 
 
 def _kind_by_shape(sequence: MeshSequence, signature: ModalSignature) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -21,18 +21,9 @@ if TYPE_CHECKING:
     from modalmotion.classification.cases import LeftOut
 
 
-_HELP: Final = {
-    "modes": "Modes of the signatures; 3 amplitudes per frame each.",
-    "topology": "cup, sphere, ..., or mesh for spring modes; found from all cases by default.",
-    "kind": "material: points follow the tissue; normal_displacement: for points that may "
-    "slide over it; by default what all recordings state, and else the better of both.",
-    "timing": "cycle: one period of a cycle; transient: a movement with a beginning and an end.",
-    "folds": "Folds of the grouped cross-validation.",
-    "repetitions": "Repetitions of the cross-validation, each with folds of its own.",
-    "groups": "Column of the manifest, such as site, whose cases are never divided by a split.",
-    "seed": "Seed of all random numbers.",
-}
-_OWN: Final[dict[str, Any]] = {name: {"help": text} for name, text in _HELP.items()}
+_OF_TRAINING: Final = (
+    *("modes", "topology", "kind", "timing", "folds", "repetitions", "groups", "seed"),
+)
 
 
 @shared.command("evaluate mine.h5 others.csv")
@@ -124,7 +115,10 @@ def classify(
         from modalmotion.pictures.classification import answer_figure
 
         shared.write_picture(answer_figure(result), plot)
-    return _answer_json(result), _answer_lines(result)
+    named = ("sequence_id", "model", "model_id", "label", "class_set", "coverage", "flags", "notes")
+    answer = shared.members(result, *named, "explanation")
+    answer["probabilities"] = dict(zip(result.classes, result.probabilities.tolist(), strict=True))
+    return answer, _answer_lines(result)
 
 
 @shared.command("card mine.h5 --markdown -o README.md")
@@ -227,7 +221,7 @@ def features(
 
 @shared.command("train cases.csv --name mine -o mine.h5")
 @shared.labelled_sources
-@shared.options_of(TrainingOptions, *_HELP, **_OWN)
+@shared.options_of(TrainingOptions, *_OF_TRAINING)
 def train(
     sources: tuple[Path, ...],
     skip_unreadable: bool,
@@ -314,15 +308,3 @@ def _answer_lines(result: Classification) -> Iterator[str]:
         size = f"{numeral(part.amplitude):>8} {unit}, {part.per_unit:+.2f} per {unit}"
         yield f"  {part.score:+7.2f}  {size}  {' '.join(part.modes)}"
     yield from (f"note: {note}" for note in result.notes)
-
-
-def _answer_json(result: Classification) -> dict[str, object]:
-    """Give the members of a model's answer for a sequence, as JSON has them."""
-    return {
-        **shared.members(
-            result, "sequence_id", "model", "model_id", "label", "class_set", "coverage"
-        ),
-        "probabilities": dict(zip(result.classes, result.probabilities.tolist(), strict=True)),
-        **shared.members(result, "flags", "notes"),
-        "explanation": [asdict(part) for part in result.explanation],
-    }

@@ -158,14 +158,9 @@ def _surface(
                 return _Surface(lattice, None, None)
             return _Surface(lattice, make_template(standard_surface(lattice)), None)
     # It states how the surface is treated, not its topology.
-    springs = topology == topologies.MESH
-    sequence = read(source, grid=grid, topology=None if springs else topology, **stated)
-    request = (
-        making.SignatureParameters(topology=topologies.MESH)
-        if springs
-        else making.SignatureParameters()
-    )
-    parameters = making.resolve_parameters(sequence, request)
+    kind = topology if topology == topologies.MESH else None
+    sequence = read(source, grid=grid, topology=None if kind else topology, **stated)
+    parameters = making.resolve_parameters(sequence, making.SignatureParameters(topology=kind))
     return _Surface(None, making.resolve_template(sequence, parameters), sequence.unit)
 
 
@@ -205,10 +200,10 @@ def _write_modes(
 ) -> None:
     from modalmotion.exports.animation import modes_to_hdf5, modes_to_npz, one_by_one
 
-    if output.suffix.lower() == ".npz":
-        store.write_atomic(output, modes_to_npz(vibration_modes))
-    elif output.suffix.lower() == ".h5":
-        store.write_atomic(output, modes_to_hdf5(vibration_modes))
+    if output.suffix.lower() in (".npz", ".h5"):
+        is_npz = output.suffix.lower() == ".npz"
+        write = modes_to_npz if is_npz else modes_to_hdf5
+        store.write_atomic(output, write(vibration_modes))
     elif output.suffix.lower() == ".glb":
         template = _template(surface)
         along = directions_on(template, direction)

@@ -38,13 +38,13 @@ MOVING: Final = ".gif"
 """Suffix of a moving picture."""
 
 
-class OutputFile(click.Path):
-    """A file to write: its suffix is known, its folder is there and can be written to.
+class _Output(click.Path):
+    """A path to write to, unless there is a reason that it cannot be.
 
     Parameters
     ----------
     *suffixes : str
-        In small letters; any if there are none.
+        Of files that are written there, in small letters.
     """
 
     def __init__(self, *suffixes: str) -> None:
@@ -52,41 +52,49 @@ class OutputFile(click.Path):
         self.suffixes = suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Check it, and that no other option names it."""
+        """Check it."""
         path = Path(str(super().convert(value, param, ctx)))
-        self.require(path, param, ctx)
-        others = ctx.params.items() if ctx is not None else ()
-        for name, other in others:
+        try:
+            obstacle = self.obstacle(path)
+        except OSError as error:
+            obstacle = f"'{path}' cannot be reached ({error.strerror}); name another."
+        if obstacle:
+            self.fail(obstacle, param, ctx)
+        return path
+
+    def obstacle(self, path: Path) -> str:
+        """Reason why it cannot be written, with what to do; empty if it can."""
+        raise NotImplementedError
+
+
+class OutputFile(_Output):
+    """A file to write: its suffix is known, its folder is there and can be written to."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Check it, and that no other option names it."""
+        path = super().convert(value, param, ctx)
+        for name, other in ctx.params.items() if ctx is not None else ():
             if isinstance(other, Path) and other == path and _is_output(ctx, name):
                 self.fail(f"{path.name} is named twice; name two files.", param, ctx)
         return path
 
-    def require(self, path: Path, param: click.Parameter | None, ctx: click.Context | None) -> None:
-        """Fail where the file cannot be written."""
+    def obstacle(self, path: Path) -> str:
+        """Reason why the file cannot be written."""
         if self.suffixes and path.suffix.lower() not in self.suffixes:
-            self.fail(f"{path.name} ends with none of {', '.join(self.suffixes)}.", param, ctx)
+            return f"{path.name} ends with none of {', '.join(self.suffixes)}."
         if self.suffixes and path.suffix.lower() in (*PICTURES, MOVING):
             require_matplotlib()
-        try:
-            obstacle = _obstacle(path)
-        except OSError as error:
-            obstacle = f"'{path}' cannot be reached ({error.strerror}); name another file."
-        if obstacle:
-            self.fail(obstacle, param, ctx)
+        if path.is_dir():
+            return f"'{path}' is a folder; add the name of the file."
+        if path.exists() and not path.is_file():
+            return f"'{path}' is a device, not a file; name a file."
+        if not path.parent.exists():
+            return f"The folder '{path.parent}' does not exist; make it first."
+        return _obstacle_in(path.parent)
 
 
-class OutputFolder(click.Path):
-    """A folder to write to, which exists or can be made; or one of the files it would contain.
-
-    Parameters
-    ----------
-    *suffixes : str
-        Of such files, in small letters.
-    """
-
-    def __init__(self, *suffixes: str) -> None:
-        super().__init__(path_type=Path)
-        self.suffixes = suffixes
+class OutputFolder(_Output):
+    """A folder to write to, which exists or can be made; or one of the files it would contain."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Check it, or the nearest folder above that is there."""
@@ -94,15 +102,11 @@ class OutputFolder(click.Path):
             return OutputFile().convert(value, param, ctx)
         if "://" in str(value):
             self.fail(f"'{value}' is no folder of this machine; name one that is.", param, ctx)
-        path = Path(str(super().convert(value, param, ctx)))
-        try:
-            there = next(p for p in (path, *path.absolute().parents) if p.exists())
-            obstacle = _obstacle_in(there)
-        except OSError as error:
-            obstacle = f"'{path}' cannot be reached ({error.strerror}); name another folder."
-        if obstacle:
-            self.fail(obstacle, param, ctx)
-        return path
+        return super().convert(value, param, ctx)
+
+    def obstacle(self, path: Path) -> str:
+        """Reason why nothing can be written there."""
+        return _obstacle_in(next(p for p in (path, *path.absolute().parents) if p.exists()))
 
 
 def require_matplotlib() -> None:
@@ -115,17 +119,6 @@ def require_matplotlib() -> None:
 def _is_output(ctx: click.Context | None, name: str) -> bool:
     parameters = [] if ctx is None else ctx.command.params
     return any(p.name == name and isinstance(p.type, OutputFile) for p in parameters)
-
-
-def _obstacle(path: Path) -> str:
-    """Reason why a file cannot be written, with what to do; empty if it can."""
-    if path.is_dir():
-        return f"'{path}' is a folder; add the name of the file."
-    if path.exists() and not path.is_file():
-        return f"'{path}' is a device, not a file; name a file."
-    if not path.parent.exists():
-        return f"The folder '{path.parent}' does not exist; make it first."
-    return _obstacle_in(path.parent)
 
 
 def _obstacle_in(folder: Path) -> str:

@@ -82,9 +82,15 @@ def _write_images(
     output: Path, kind: ImageKind, parameters: VentricleParameters, frames: int, seed: int
 ) -> tuple[Path, Path, Path]:
     """Write images, and beside them what they show: .truth.npz and .landmarks.json."""
-    name = output.name.lower()
-    if not name.endswith((".zip", ".nii.gz")):
+    ending = next((end for end in (".zip", ".nii.gz") if output.name.lower().endswith(end)), "")
+    if not ending:
         raise click.BadParameter("Images are written as .zip or .nii.gz.", param_hint="--output")
+    stem = output.name[: -len(ending)]
+    if kind is ImageKind.CINE and ending != ".zip":
+        raise click.BadParameter(
+            f"The planes of a cine do not fit into one .nii.gz; write a zip: -o {stem}.zip.",
+            param_hint="--output",
+        )
     phantom = simulate_images(kind, parameters, n_frames=frames, rng=np.random.default_rng(seed))
     marks = {
         "coordinates": "LPS",
@@ -94,9 +100,8 @@ def _write_images(
             "base": phantom.landmarks["base"].tolist(),
         },
     }
-    write = write_nifti_zip if name.endswith(".zip") else write_nifti
+    write = write_nifti_zip if ending == ".zip" else write_nifti
     store.write_atomic(output, write(phantom.images))
-    stem = output.name[: -len(".zip" if name.endswith(".zip") else ".nii.gz")]
     truth, places = (output.with_name(stem + end) for end in (".truth.npz", ".landmarks.json"))
     store.write_atomic(truth, formats.write_npz(phantom.truth))
     store.write_atomic(places, json.dumps(marks).encode())

@@ -1,6 +1,7 @@
 """Commands that maintain a store."""
 
 import re
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,7 +9,14 @@ from typing import Annotated, Any
 import click
 
 from modalmotion.cli.files import counting
-from modalmotion.cli.shared import EXISTING_FOLDER, OutputFile, OutputFolder, command, described
+from modalmotion.cli.shared import (
+    EXISTING_FOLDER,
+    OutputFile,
+    OutputFolder,
+    command,
+    described,
+    members,
+)
 from modalmotion.notes import Note
 
 _FOLDER = click.argument("folder", type=EXISTING_FOLDER, metavar="FOLDER")
@@ -36,18 +44,25 @@ def rebuild(folder: Path, owner: str | None = None) -> Any:
 
 
 def _rebuilt(stores: dict[str, Path]) -> dict[str, Any]:
-    from modalmotion.store import backup_time
     from modalmotion.store import rebuild as run
+
+    return _each(stores, run, lambda report: ["index_damaged"] * report.service_tables_lost)
+
+
+def _each(
+    stores: dict[str, Path], run: Callable[..., Any], codes: Callable[[Any], list[str]], *more: str
+) -> dict[str, Any]:
+    """Give what becomes of each store, even if the first has faults; with `more` of the report."""
+    from modalmotion.store import backup_time
 
     answer = {}
     for name, root in stores.items():
         time = backup_time(root)
         with counting("reading files") as progress:
-            result = run(root, progress=progress)
-        notes = [] if time is None else [Note.of("is_backup")]
-        if result.service_tables_lost:
-            notes.append(Note.of("index_damaged"))
-        answer[name] = {"backup_time": time, **asdict(result), "notes": notes}
+            report = run(root, progress=progress)
+        notes = [Note.of(code) for code in (*["is_backup"] * (time is not None), *codes(report))]
+        found = {**members(report, *more), "backup_time": time, **asdict(report)}
+        answer[name] = {**found, "notes": notes}
     return {"stores": answer}
 
 
@@ -61,21 +76,11 @@ def verify(folder: Path, owner: str | None = None) -> Any:
     owner
         Owner of the store, in a service's data folder FOLDER.
     """
-    from modalmotion.store import backup_time
     from modalmotion.store import verify as run
 
-    answer = {}
-    # All stores, even if the first has faults.
-    for name, root in _stores_of(folder, owner).items():
-        time = backup_time(root)
-        with counting("reading files") as progress:
-            report = run(root, progress=progress)
-        notes = [] if time is None else [Note.of("is_backup")]
-        notes += [Note.of("left_by_crash")] * bool(report.unfinished)
-        found = {"is_sound": report.is_sound, "backup_time": time, **asdict(report)}
-        answer[name] = {**found, "notes": notes}
-    is_wrong = not all(one["is_sound"] for one in answer.values())
-    whole = {"stores": answer}
+    stores = _stores_of(folder, owner)
+    whole = _each(stores, run, lambda one: ["left_by_crash"] * bool(one.unfinished), "is_sound")
+    is_wrong = not all(one["is_sound"] for one in whole["stores"].values())
     return whole, described(whole), click.exceptions.Exit(1) if is_wrong else None
 
 

@@ -5,7 +5,7 @@ import inspect
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Generic, TypeVar, cast
 
 from modalmotion import store
@@ -24,7 +24,6 @@ from modalmotion.client.connection import (
 )
 from modalmotion.client.values import NPZ, STREAM, Info, arrays_of, compressed_of, info_of
 from modalmotion.formats.npz import read_npz
-from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.progress import Progress, Reporter, silent
 from modalmotion.signature.making import ModalSignature, SignatureParameters
 
@@ -69,7 +68,7 @@ class Job(Generic[T]):
         Media type to request the result in.
     """
 
-    _service: Connection
+    _service: "Caller"
     status: Info
     _read: Callable[[Answer], T]
     _accept: str
@@ -168,21 +167,7 @@ class Job(Generic[T]):
                 f"The job {self.id} has succeeded but names no result.",
                 remedy="Check the version of the service.",
             )
-        answer = self._service._send(Call("GET", link, accept=self._accept))
-        return awaited(self._service, answer, self._read, self._accept)
-
-
-def awaited(
-    service: Connection,
-    answer: Answer,
-    read: Callable[[Answer], T],
-    accept: str,
-    progress: Reporter | None = None,
-) -> T:
-    """Read an answer; where it is a job (202), wait for its result and read that."""
-    if answer.status != 202:
-        return read(answer)
-    return Job(service, status_of(answer.json), read, accept).wait(progress=progress)
+        return self._service._awaited(Call("GET", link, accept=self._accept), self._read)
 
 
 # Options that select the signature; all others belong to what is computed from it.
@@ -277,13 +262,15 @@ class Caller(Connection):
     ) -> T:
         """Send a request, and wait for its result; progress is of the upload, or of the job."""
         answer = self._send(asked, progress if is_upload else None)
-        shown = None if is_upload else progress
-        return awaited(self, answer, read, asked.accept, shown)
+        if answer.status != 202:
+            return read(answer)
+        job = Job(self, status_of(answer.json), read, asked.accept)
+        return job.wait(progress=None if is_upload else progress)
 
     def _started(
         self, asked: Call, read: Callable[[Answer], T], progress: Reporter | None = None
     ) -> Job[T]:
-        answer = self._send(asked.with_headers(Prefer="respond-async"), progress)
+        answer = self._send(replace(asked, headers={"Prefer": "respond-async"}), progress)
         if answer.status != 202:
             raise errors.BrokenAnswerError(
                 f"The service answered {answer.status} and started no job.",
@@ -342,11 +329,6 @@ def signature_of(answer: Answer) -> ModalSignature:
     return store.signature_from_hdf5(answer.content)
 
 
-def sequence_of(answer: Answer) -> MeshSequence:
-    """Read a sequence."""
-    return read_npz(answer.content).sequence
-
-
 def track_of(answer: Answer) -> Any:
     """Read a track: the library's own."""
     from modalmotion.tracking.hdf5 import track_from_hdf5
@@ -369,7 +351,7 @@ def _read(answer: Any) -> Any:
 _READERS: Final[dict[str, Callable[[Any], Any]]] = {
     "FeatureTable": _features_of,
     "Info": _read,
-    "MeshSequence": sequence_of,
+    "MeshSequence": lambda answer: read_npz(answer.content).sequence,
     "ModalSignature": signature_of,
     "None": lambda _: None,
     "Track": track_of,

@@ -403,15 +403,10 @@ class Client(Recordings):
         self._save(path, asked, progress)
 
     def _save(self, path: str | Path, asked: Call, progress: Reporter | None = None) -> None:
-
         place = Path(path)
         if not place.parent.is_dir():  # before minutes of work are asked for
             raise StoreError(
                 f"'{place.name}' cannot be written: there is no folder '{place.parent}'.",
                 remedy="Make the folder, or name a file in another one.",
             )
-        store.write_atomic(place, self._awaited(asked, _content, progress))
-
-
-def _content(answer: Answer) -> bytes:
-    return answer.content
+        store.write_atomic(place, self._awaited(asked, lambda answer: answer.content, progress))

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -19,6 +18,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
+from modalmotion import representation
 from modalmotion.client.errors import (
     BrokenAnswerError,
     RemoteError,
@@ -133,7 +133,7 @@ def plain(options: Mapping[str, Option]) -> dict[str, Any]:
             stated = facts_as_json(value)
             members |= {fact: stated[fact] for fact in value.stated}
         elif value is not None:
-            members[name] = _plain(value)
+            members[name] = _known(representation.plain(value))
     return members
 
 
@@ -142,19 +142,15 @@ def query_of(options: Mapping[str, Option]) -> dict[str, str]:
     return {name: _text(value) for name, value in plain(options).items()}
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, Mapping):
-        return {str(name): _plain(one) for name, one in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, tuple | list):
-        parts = [_plain(one) for one in value]
-        # A place that is not known, in a list of places.
-        is_place = all(part is None or isinstance(part, int | float) for part in parts)
-        return None if is_place and None in parts else parts
-    return None if isinstance(value, float) and value != value else value
+def _known(value: Any) -> Any:
+    """Give a value of JSON with null for each place in it that is not known."""
+    if isinstance(value, dict):
+        return {name: _known(one) for name, one in value.items()}
+    if not isinstance(value, list):
+        return value
+    parts = [_known(one) for one in value]
+    is_place = all(part is None or isinstance(part, int | float) for part in parts)
+    return None if is_place and None in parts else parts
 
 
 def _text(value: Any) -> str:
@@ -276,11 +272,6 @@ class Call:
     is_repeatable: bool = False
     is_keyed: bool = False
 
-    def with_headers(self, **headers: str) -> Call:
-        """Return the same call with more headers."""
-        named = {name.replace("_", "-"): value for name, value in headers.items()}
-        return replace(self, headers={**(self.headers or {}), **named})
-
 
 @shown("status", "content")
 @dataclass(frozen=True)
@@ -382,7 +373,8 @@ class Connection:
             If no answer comes.
         """
         if call.is_keyed:
-            call = call.with_headers(Idempotency_Key=secrets.token_hex(16))
+            key = {"Idempotency-Key": secrets.token_hex(16)}
+            call = replace(call, headers={**(call.headers or {}), **key})
         may_repeat = call.method in _SAFE or call.is_repeatable or call.is_keyed
         end = time.monotonic() + self._retries.deadline
         for attempt in range(self._retries.attempts):

@@ -2,10 +2,11 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -41,6 +42,28 @@ class Dataset(NamedTuple):
     values: Any
     unit: str
     axes: str
+
+
+Ids = Mapping[str, object]
+"""Attributes of the root that a file must have, such as the id that it was looked up by."""
+ANY_IDS: Final[Ids] = MappingProxyType({})
+
+Table = Mapping[str, tuple[str, str]]
+"""Arrays of a value by the names of its fields: unit, {u} for that of its lengths, and axes."""
+
+
+def datasets_of(
+    value: object, table: Table, unit: str | None = None, *, prefix: str = ""
+) -> list[Dataset]:
+    """Datasets of the arrays in a table that a value has; whole numbers have eight bytes."""
+    made = []
+    for name, (unit_of, axes) in table.items():
+        if (one := getattr(value, name)) is not None:
+            array = np.asarray(one)
+            kind = "<i8" if array.dtype.kind == "i" else array.dtype.newbyteorder("<")
+            units = unit_of.format(u=unit or UNKNOWN)
+            made.append(Dataset(prefix + name, array.astype(kind, copy=False), units, axes))
+    return made
 
 
 def json_text(name: str, value: object) -> Dataset:
@@ -176,19 +199,46 @@ class Contents:
             raise TypeError(f"dataset {name} does not contain a {kind.__name__}")
         return value
 
-    def number(self, name: str) -> Any:
-        """Value of a dataset that contains one number."""
-        return self.array(name, ()).item()
-
     def array(self, name: str, shape: tuple[int | None, ...]) -> Array:
         """Dataset of numbers of that shape, None for an open length."""
         array = self.arrays[name]
         fits = len(shape) == array.ndim and all(
             n is None or n == m for n, m in zip(shape, array.shape, strict=True)
         )
-        if not fits or array.dtype.kind not in "fiu":
+        if not fits or array.dtype.kind not in "fiub":
             raise ValueError(f"dataset {name} has the shape {array.shape}, type {array.dtype}")
         return array
+
+    def table(
+        self,
+        table: Table,
+        sizes: dict[str, int],
+        *,
+        prefix: str = "",
+        optional: Collection[str] = (),
+    ) -> dict[str, Any]:
+        """Arrays that `datasets_of` has written; axes of one name have one length.
+
+        Parameters
+        ----------
+        table : Table
+        sizes : dict of str to int
+            Lengths of axes that are known; those of the others are added.
+        prefix : str
+        optional : collection of str
+            Those that may be missing; they are None then.
+        """
+        found: dict[str, Any] = dict.fromkeys(optional)
+        for name, (_, axes) in table.items():
+            if name in optional and prefix + name not in self.arrays:
+                continue
+            names = axes.split(", ") if axes else []
+            array = self.array(prefix + name, tuple(map(sizes.get, names)))
+            sizes.update(zip(names, array.shape, strict=True))
+            # Two axes of one array may have one name.
+            self.array(prefix + name, tuple(map(sizes.get, names)))
+            found[name] = array if names else array.item()
+        return found
 
 
 def contents_of(name: str, source: bytes | Path, *, has_arrays: bool = True) -> Contents:
@@ -223,7 +273,7 @@ def contents_of(name: str, source: bytes | Path, *, has_arrays: bool = True) -> 
             shape, kind, n_stored = dataset.shape, dataset.dtype, dataset.id.get_storage_size()
             is_simple = dataset.chunks is None and not (dataset.external or dataset.is_virtual)
             # As large as its shape says: no external file, no bomb of fill values.
-            is_whole = kind.kind in "fiuS" and n_stored == math.prod(shape) * kind.itemsize
+            is_whole = kind.kind in "fiubS" and n_stored == math.prod(shape) * kind.itemsize
             if not (is_simple and is_whole):
                 raise ValueError(f"{key!r} is not a plain dataset")
             # Many names of one dataset, or datasets on the same bytes, would fill the memory.
@@ -248,21 +298,6 @@ def _plain(value: Array) -> Any:
     if isinstance(content, bytes):
         return content.decode()
     return tuple(content) if isinstance(content, list) else content
-
-
-def require_match(path: Path, contents: Contents, **ids: str | int | None) -> None:
-    """Refuse a file whose ids are not those that it was looked up by.
-
-    Raises
-    ------
-    CorruptFileError
-    """
-    for name, expected in ids.items():
-        if contents.attributes.get(name) != expected:
-            raise CorruptFileError(
-                f"'{path.name}' contains another {name.replace('_', ' ')} than its name.",
-                remedy="Restore it from a copy, or delete it and make the result again.",
-            )
 
 
 @dataclass(frozen=True)
@@ -312,12 +347,20 @@ class Form:
         return sealed_image({**self.header(**more), **ids}, datasets)
 
     @contextmanager
-    def read(self, source: bytes | Path, *, is_mapped: bool = False) -> Iterator[Contents]:
+    def read(
+        self,
+        source: bytes | Path,
+        ids: Ids = ANY_IDS,
+        *,
+        is_mapped: bool = False,
+    ) -> Iterator[Contents]:
         """Read a sealed file; what is wrong with it inside the block becomes a CorruptFileError.
 
         Parameters
         ----------
         source : bytes or Path
+        ids : mapping
+            Attributes of the root that it was looked up by.
         is_mapped : bool
             Whether datasets stay where they are, as maps of a file too large for memory.
 
@@ -326,7 +369,8 @@ class Form:
         NotFoundError
             If there is no such file.
         CorruptFileError
-            If it is damaged, foreign, of another kind or written by another version.
+            If it is damaged, foreign, of another kind, written by another version, or has other
+            ids.
         """
         data: bytes | Path
         if is_mapped and isinstance(source, Path):
@@ -349,6 +393,12 @@ class Form:
                     remedy="Read it with the modalmotion that wrote it, or make it again.",
                     details={"schema_version": form.version, "known": self.version},
                 )
+            for key, expected in ids.items():
+                if contents.attributes.get(key) != expected:
+                    raise CorruptFileError(
+                        f"{name} contains another {key.replace('_', ' ')} than its name.",
+                        remedy="Restore it from a copy, or delete it and make the result again.",
+                    )
             yield contents
 
 

@@ -11,7 +11,16 @@ import numpy as np
 
 from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import ParameterError, ShapeError, TopologyError
-from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, Form, json_text
+from modalmotion.hdf5.image import (
+    ANY_IDS,
+    UNKNOWN,
+    Contents,
+    Dataset,
+    Form,
+    Ids,
+    datasets_of,
+    json_text,
+)
 from modalmotion.mesh import checks, fact_forms, triangles
 from modalmotion.mesh.facts import NO_FACTS, Facts
 from modalmotion.modes import topologies
@@ -69,11 +78,6 @@ class MeshSequence(FrozenArrays, Recorded):
     unit: str | None = None
     facts: Facts = NO_FACTS
     uncertainty: checks.Uncertainty | None = None
-
-    def __post_init__(self) -> None:
-        for array in (self.vertices, self.faces, self.times):
-            if array is not None:
-                array.setflags(write=False)
 
     @property
     def n_frames(self) -> int:
@@ -350,10 +354,15 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
 
 
 FORM: Final = Form("sequence", 2)
-"""Version 1 had no facts."""
 
-TRACK: Final = Form("track", 5)
+TRACK: Final = Form("track", 6)
 """Of a track, which contains its sequence in the same way."""
+
+_ARRAYS: Final = {
+    "vertices": ("{u}", "frame, vertex, direction"),
+    "faces": ("1", "face, corner"),
+    "times": ("s", "frame"),
+}
 
 
 def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
@@ -379,18 +388,11 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
 
 def sequence_datasets(sequence: MeshSequence) -> list[Dataset]:
     """Datasets of a sequence, in its own file or in that of a track."""
-    vertices = sequence.vertices.astype(sequence.vertices.dtype.newbyteorder("<"), copy=False)
-    datasets = [
-        Dataset("vertices", vertices, sequence.unit or UNKNOWN, "frame, vertex, direction"),
-        Dataset("faces", sequence.faces.astype("<i8", copy=False), "1", "face, corner"),
-        json_text("facts", fact_forms.facts_as_json(sequence.facts)),
-    ]
-    if sequence.times is not None:
-        datasets.append(Dataset("times", sequence.times, "s", "frame"))
-    return datasets
+    facts = json_text("facts", fact_forms.facts_as_json(sequence.facts))
+    return [*datasets_of(sequence, _ARRAYS, sequence.unit), facts]
 
 
-def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
+def sequence_from_hdf5(source: bytes | Path, form: Form = FORM, ids: Ids = ANY_IDS) -> MeshSequence:
     """Read a mesh sequence, bit for bit as written.
 
     Parameters
@@ -398,29 +400,26 @@ def sequence_from_hdf5(source: bytes | Path, form: Form = FORM) -> MeshSequence:
     source : bytes or Path
     form : Form
         `TRACK` reads the sequence of a track, without its errors.
+    ids : mapping
+        Attributes that it must have.
 
     Raises
     ------
     StoreError
         As in `Form.read`.
     """
-    return read_sequence(source, form)[0]
-
-
-def read_sequence(source: bytes | Path, form: Form = FORM) -> tuple[MeshSequence, Contents]:
-    """Read a mesh sequence together with the contents of its file."""
-    with form.read(source) as contents:
-        return sequence_in(contents), contents
+    with form.read(source, ids) as contents:
+        return sequence_in(contents)
 
 
 def sequence_in(contents: Contents) -> MeshSequence:
     """Sequence that the contents of a file have."""
+    arrays = contents.table(_ARRAYS, {"direction": 3, "corner": 3}, optional=("times",))
     return mesh_sequence(
-        checks.given_up(contents.array("vertices", (None, None, 3))),
-        contents.array("faces", (None, 3)),
+        checks.given_up(arrays.pop("vertices")),
+        **arrays,
         grid=contents.attributes.get("grid"),
         topology=contents.optional_text("topology"),
-        times=contents.arrays.get("times"),
         unit=contents.unit,
         facts=fact_forms.facts_from_json(contents.json("facts", dict)),
     )
@@ -471,25 +470,21 @@ def standard_surface(lattice: Lattice) -> MeshSequence:
     topology = lattice.topology
     coordinates = topologies.lattice_coordinates(topology, lattice.shape)
     s, theta = coordinates[:, 0], 2.0 * np.pi * coordinates[:, -1]
-    if topology == topologies.OPEN_CURVE:
-        x = _points(_AXIS * (s - 0.5), 0.0 * s, 0.0 * s)
-    elif topology == topologies.CLOSED_CURVE:
-        x = _points(np.cos(theta), np.sin(theta), 0.0 * s)
-    elif topology == topologies.PLANE:
-        x = _points(theta - np.pi, _AXIS * (s - 0.5), 0.0 * s)
-    elif topology == topologies.CYLINDER:
-        x = _points(np.cos(theta), np.sin(theta), _AXIS * (s - 0.5))
-    elif topology == topologies.TORUS:
-        tube = 2.0 * np.pi * s
-        r = 1.0 + _TUBE * np.cos(tube)
-        x = _points(r * np.cos(theta), r * np.sin(theta), _TUBE * np.sin(tube))
-    elif topology == topologies.CUP:
-        nu = 0.5 * np.pi * s
-        r = np.sin(nu)
-        x = _points(r * np.cos(theta), r * np.sin(theta), -2.0 * np.cos(nu))
-    elif topology == topologies.SPHERE:
-        r = np.sin(np.pi * s)
-        x = _points(r * np.cos(theta), r * np.sin(theta), -np.cos(np.pi * s))
+    # Distance from the axis and height along it, of surfaces of revolution.
+    profiles = {
+        topologies.CLOSED_CURVE: (1.0, 0.0 * s),
+        topologies.CYLINDER: (1.0, _AXIS * (s - 0.5)),
+        topologies.TORUS: (1.0 + _TUBE * np.cos(2.0 * np.pi * s), _TUBE * np.sin(2.0 * np.pi * s)),
+        topologies.CUP: (np.sin(0.5 * np.pi * s), -2.0 * np.cos(0.5 * np.pi * s)),
+        topologies.SPHERE: (np.sin(np.pi * s), -np.cos(np.pi * s)),
+    }
+    if topology in profiles:
+        r, z = profiles[topology]
+        x = np.stack([r * np.cos(theta), r * np.sin(theta), z], axis=1)
+    elif topology in (topologies.OPEN_CURVE, topologies.PLANE):
+        across = theta - np.pi if topology == topologies.PLANE else _AXIS * (s - 0.5)
+        along = _AXIS * (s - 0.5) if topology == topologies.PLANE else 0.0 * s
+        x = np.stack([across, along, 0.0 * s], axis=1)
     else:
         raise TopologyError(
             f"A lattice {topology} is not a surface.",
@@ -497,7 +492,3 @@ def standard_surface(lattice: Lattice) -> MeshSequence:
         )
     faces = lattice_faces(topology, lattice.shape) if topology.n_axes == 2 else None
     return mesh_sequence(x[None], faces, grid=lattice.shape, topology=topology)
-
-
-def _points(*columns: Floats) -> Floats:
-    return np.stack(columns, axis=1)

@@ -48,10 +48,6 @@ class ModeSet(FrozenArrays):
     wavenumbers: Ints
     is_sine: Bools
 
-    def __post_init__(self) -> None:
-        self.wavenumbers.setflags(write=False)
-        self.is_sine.setflags(write=False)
-
     def __len__(self) -> int:
         return len(self.is_sine)
 
@@ -130,7 +126,7 @@ class ModeSet(FrozenArrays):
     @property
     def arrays(self) -> dict[str, Array]:
         """Datasets of the modes in files."""
-        return {"wavenumbers": self.wavenumbers, "is_sine": self.is_sine.astype(np.uint8)}
+        return {"wavenumbers": self.wavenumbers, "is_sine": self.is_sine}
 
     def take(self, indices: Ints | list[int] | slice) -> "ModeSet":
         """Modes at these indices, in this order."""

@@ -217,7 +217,9 @@ def _bring_up_to_date(
     staged: dict[PurePath, Path] = {}
     try:
         for name in databases:
-            staged[name] = _stage_database(root / name, copy / name)
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            staged[name] = temporary_beside(copy / name)
+            _stage_database(root / name, staged[name])
         # Again: what the databases name by now is there.
         present = {name for name in _files_of(root) if name.suffix != ".sqlite"}
         looked_at = reported(sorted(present), progress)
@@ -269,16 +271,15 @@ def _parted(
     root: Path, copy: Path, names: Iterable[PurePath]
 ) -> tuple[list[PurePath], list[PurePath], list[PurePath]]:
     """Part files that the copy alone has: deleted, done with, and lost; others, as tables, stay."""
-    parts: tuple[list[PurePath], ...] = ([], [], [])
+    deleted, done, lost = list[PurePath](), list[PurePath](), list[PurePath]()
     for name in names:
         top = name.parts[2 * (name.parts[0] == "owners" and len(name.parts) > 2)]
         if was_deleted(root, name, (copy / name).stat().st_mtime):
-            parts[0].append(name)
+            deleted.append(name)
         elif top in ("spool", "cluster", TOMBSTONES):
-            parts[1].append(name)
+            done.append(name)
         elif top in FOLDERS or name.suffix == ".sqlite":
-            parts[2].append(name)
-    deleted, done, lost = parts
+            lost.append(name)
     return deleted, done, lost
 
 
@@ -320,21 +321,15 @@ def _copy(source: Path, copy: Path) -> None:
         sync_paths([temporary])
 
 
-def _stage_database(source: Path, copy: Path) -> Path:
+def _stage_database(source: Path, temporary: Path) -> None:
     """Copy a database as of one moment, even during writes."""
-    copy.parent.mkdir(parents=True, exist_ok=True)
-    temporary = temporary_beside(copy)
     try:
         with contextlib.closing(sqlite3.connect(source)) as database:
             database.execute("VACUUM INTO ?", [str(temporary)])
-        shutil.copymode(source, temporary)
-        sync_paths([temporary])
-    except BaseException as error:
-        temporary.unlink(missing_ok=True)
-        if isinstance(error, sqlite3.Error):
-            raise OSError(5, str(error), str(copy)) from error
-        raise
-    return temporary
+    except sqlite3.Error as error:
+        raise OSError(5, str(error), str(temporary)) from error
+    shutil.copymode(source, temporary)
+    sync_paths([temporary])
 
 
 def _remove_logs(database: Path) -> None:

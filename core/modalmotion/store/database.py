@@ -77,13 +77,6 @@ TABLES: Final = (
 )
 """What makes an empty index."""
 
-SEQUENCE_COLUMNS: Final = (
-    "id, n_frames, n_vertices, n_faces, topology, grid, unit, has_times, subject, label, created, "
-    "has_upload, facts, span, name"
-)
-"""Of a record, in its order."""
-
-
 # For the upper pages of every tree among a million sequences, so that a look-up reads only its last
 # ones from the file. SQLite's own 2 MB are those of ten thousand.
 _READ_CACHE_KB = 8_000

@@ -80,13 +80,9 @@ def put_back(path: Path, content: bytes | None) -> None:
     with contextlib.suppress(OSError):
         if content is None:
             path.unlink(missing_ok=True)
-            return
-        temporary = temporary_beside(path)
-        try:
-            temporary.write_bytes(content)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        else:
+            with replacing(path) as temporary:
+                temporary.write_bytes(content)
 
 
 def content_of(path: Path) -> bytes | None:

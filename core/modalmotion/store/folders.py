@@ -363,7 +363,7 @@ def record_from(values: dict[str, Any]) -> SequenceRecord:
     )
 
 
-def require_name(name: str, text: str | None) -> str | None:
+def require_name(name: str, text: str | None) -> None:
     """Check a name, a subject or a label.
 
     Raises
@@ -371,17 +371,14 @@ def require_name(name: str, text: str | None) -> str | None:
     ParameterError
         If it is too long, or not `is_readable`.
     """
-    if text is None:
-        return None
-    if len(text) > LONGEST_NAME:
+    if text is not None and len(text) > LONGEST_NAME:
         raise errors.ParameterError(
             f"The {name} has {len(text)} characters, more than {LONGEST_NAME}.",
             remedy="Use a short name.",
             details={"longest": LONGEST_NAME},
         )
-    if not is_readable(text):
+    if text is not None and not is_readable(text):
         raise errors.ParameterError(
             f"The {name} {text[:40]!a} contains control characters, or was not sent in UTF-8.",
             remedy="Use letters, digits, signs and spaces.",
         )
-    return text

@@ -10,7 +10,7 @@ from modalmotion.errors import NotFoundError, StoreError
 from modalmotion.images import ImageSequence, Plane, PlaneSet, volume
 from modalmotion.notes import Note, notes_from_json
 from modalmotion.representation import shown
-from modalmotion.store import deletion, disk, opening, sequences
+from modalmotion.store import deletion, disk, sequences
 from modalmotion.store.folders import IMAGES_FORM, SequenceRecord, is_id
 from modalmotion.store.index import from_cursor, now, require_limit, to_cursor
 
@@ -195,13 +195,12 @@ class ImageStore(sequences.SequenceStore):
         LostFileError
             If they are gone.
         """
-        self.images_record(images_id)
-        path = self._folder.path("images", images_id)
-        if not path.is_file():
-            # Deleted since, or gone.
-            self.images_record(images_id)
-            raise opening.lost_file(f"The file of images {images_id[:12]}", "Send the images again")
-        return path
+        return self._present(
+            lambda: self._folder.path("images", self.images_record(images_id).id),
+            images_id,
+            f"The file of images {images_id[:12]}",
+            "Send the images again",
+        )
 
     def list_images(
         self, *, limit: int = 100, cursor: str | None = None

@@ -15,7 +15,7 @@ from modalmotion import errors, mesh
 from modalmotion.classification.card import ModelRecord
 from modalmotion.representation import shown
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
-from modalmotion.store.database import SEQUENCE_COLUMNS, Database
+from modalmotion.store.database import Database
 from modalmotion.store.folders import ResultKind, ResultName, SequenceRecord, record_values
 
 LARGEST_PAGE: Final = 1000
@@ -75,7 +75,10 @@ def require_limit(limit: int) -> int:
 
 
 _PIECE: Final = 10_000
-_RECORDS: Final = f"SELECT {SEQUENCE_COLUMNS} FROM sequences"  # noqa: S608 (constants)
+_OF_SEQUENCE: Final = tuple(field.name for field in fields(SequenceRecord))
+_OF_MODEL: Final = tuple(field.name for field in fields(ModelRecord))
+_AS_JSON: Final = ("classes", "parameters")
+_RECORDS: Final = f"SELECT {', '.join(_OF_SEQUENCE)} FROM sequences"  # noqa: S608 (constants)
 
 
 @shown()
@@ -273,10 +276,10 @@ class Index:
     def models(self, condition: str = "ORDER BY name, version", *values: str) -> list[ModelRecord]:
         """Versions of models, deleted ones too; by default all of them."""
         rows = self.database.read(
-            f"SELECT {', '.join(_COLUMNS)} FROM models {condition}",  # noqa: S608 (constants)
+            f"SELECT {', '.join(_OF_MODEL)} FROM models {condition}",  # noqa: S608 (constants)
             values,
         )
-        found = (dict(zip(_COLUMNS, row, strict=True)) for row in rows)
+        found = (dict(zip(_OF_MODEL, row, strict=True)) for row in rows)
         return [model_from(one | {k: json.loads(one[k]) for k in _AS_JSON}) for one in found]
 
     def put_model(self, record: ModelRecord) -> None:
@@ -293,13 +296,12 @@ class Index:
 
 def put_records(connection: sqlite3.Connection, records: Iterable[SequenceRecord]) -> None:
     """Write records inside a transaction."""
+    names, places = ", ".join(_OF_SEQUENCE), ", ".join("?" * len(_OF_SEQUENCE))
+    changed = ", ".join(f"{name} = excluded.{name}" for name in _OF_SEQUENCE[1:])
     # An upsert: INSERT OR REPLACE would delete the row first, and its results with it.
     connection.executemany(
-        f"INSERT INTO sequences ({SEQUENCE_COLUMNS}) "  # noqa: S608 (constants)
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
-        "ON CONFLICT (id) DO UPDATE SET subject = excluded.subject, label = excluded.label, "
-        "has_upload = excluded.has_upload, facts = excluded.facts, span = excluded.span, "
-        "name = excluded.name",
+        f"INSERT INTO sequences ({names}) VALUES ({places}) "  # noqa: S608 (constants)
+        f"ON CONFLICT (id) DO UPDATE SET {changed}",
         (_row(record) for record in records),
     )
 
@@ -322,13 +324,9 @@ def _row(record: SequenceRecord) -> tuple[Any, ...]:
     return tuple(values.values())
 
 
-_COLUMNS: Final = tuple(field.name for field in fields(ModelRecord))
-_AS_JSON: Final = ("classes", "parameters")
-
-
 def model_values(record: ModelRecord) -> dict[str, Any]:
     """Values of a version of a model by name, as JSON has them."""
-    values = {name: getattr(record, name) for name in _COLUMNS}
+    values = {name: getattr(record, name) for name in _OF_MODEL}
     parameters = parameters_as_json(record.parameters)
     return {**values, "classes": list(record.classes), "parameters": parameters}
 
@@ -342,7 +340,7 @@ def model_from(values: Mapping[str, Any]) -> ModelRecord:
 def put_models(connection: sqlite3.Connection, records: Iterable[ModelRecord]) -> None:
     """Write models inside a transaction."""
     rows = (model_values(record) for record in records)
-    names, places = ", ".join(_COLUMNS), ", ".join(f":{name}" for name in _COLUMNS)
+    names, places = ", ".join(_OF_MODEL), ", ".join(f":{name}" for name in _OF_MODEL)
     connection.executemany(
         f"INSERT OR REPLACE INTO models ({names}) VALUES ({places})",  # noqa: S608 (constants)
         (row | {name: json.dumps(row[name]) for name in _AS_JSON} for row in rows),

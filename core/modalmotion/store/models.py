@@ -1,17 +1,15 @@
 """Models, templates and norms of a store."""
 
-import hashlib
 from pathlib import Path
 
 from modalmotion.classification import card, model_files
 from modalmotion.classification.model import Model
 from modalmotion.errors import NotFoundError, ParameterError, StoreError
-from modalmotion.hdf5.image import require_match
 from modalmotion.hdf5.sealed import is_sound, load_sealed
 from modalmotion.norm.norm import Norm, norm_from_hdf5, norm_to_hdf5
 from modalmotion.store import deletion, disk, folders, sequences
 from modalmotion.store.index import now
-from modalmotion.store.opening import Opening, lost_file
+from modalmotion.store.opening import Opening
 
 
 class ModelStore(Opening):
@@ -47,7 +45,7 @@ class ModelStore(Opening):
         stored_model = model_files.kept_model(model) if isinstance(model, Model) else model
         name = card.require_model_name(stored_model.record.name)
         index = self._open_index()
-        with self._changing(_lock_of(name)):
+        with self._changing(name):
             training = stored_model.record.training
             known = None if training is None else self.model_of_training(training)
             if known is not None:
@@ -73,10 +71,8 @@ class ModelStore(Opening):
         """
         versions = self._open_index().versions(name) if card.is_model_name(name) else []
         remaining = [record for record in versions if record.deleted is None]
-        matches = [record for record in versions if version in (None, record.version)]
-        for record in reversed(matches):
-            if record.deleted is None:
-                return record
+        if found := [record for record in remaining if version in (None, record.version)]:
+            return found[-1]
         if version is None or not remaining:
             raise NotFoundError(
                 f"There is no model named {str(name)[:80]!r}"
@@ -84,7 +80,8 @@ class ModelStore(Opening):
                 remedy="Use one that is listed, or train it.",
                 details={"model": str(name)[:80]},
             )
-        deleted = " any more: it was deleted" if matches else ""
+        is_known = any(record.version == version for record in versions)
+        deleted = " any more: it was deleted" if is_known else ""
         raise NotFoundError(
             f"There is no version {version} of the model {name!r}{deleted}.",
             remedy=f"Use one of {', '.join(str(record.version) for record in remaining[-20:])}.",
@@ -125,15 +122,12 @@ class ModelStore(Opening):
         LostFileError
             If its file is gone.
         """
-        path = self._folder.path("models", self.model_record(name, version).reference)
-        if not path.is_file():
-            # Deleted meanwhile, or gone.
-            self.model_record(name, version)
-            raise lost_file(
-                f"The file of the model {name}@{version}",
-                "Train the model again, which makes a new version",
-            )
-        return path
+        return self._present(
+            lambda: self._folder.path("models", self.model_record(name, version).reference),
+            name,
+            f"The file of the model {name}@{version}",
+            "Train the model again, which makes a new version",
+        )
 
     def kept_model(self, name: str, version: int) -> model_files.KeptModel:
         """Read the file of a version without interpreting the model in it.
@@ -146,9 +140,7 @@ class ModelStore(Opening):
             If its file is damaged; LostFileError if it is gone.
         """
         path = self.model_path(name, version)
-        stored_model, contents = model_files.read_kept_model(path)
-        require_match(path, contents, model=name, version=version)
-        return stored_model
+        return model_files.read_kept_model(path, {"model": name, "version": version})
 
     def model(self, name: str, version: int | None = None) -> Model:
         """Load a version of a model, the newest by default.
@@ -177,17 +169,12 @@ class ModelStore(Opening):
             next `open` does.
         """
         index = self._open_index()
-        with self._changing(_lock_of(name)):
+        with self._changing(name):
             record = self.model_record(name, version)
             gone = deletion.begin_model_deletion(self._folder, record)
             # From here on it is deleted, whatever happens.
             index.put_model(gone)
             disk.remove_durably(self._folder.path("models", gone.reference))
-
-
-def _lock_of(name: str) -> str:
-    # Locks are chosen by the digits of a sequence's id; a name has none.
-    return hashlib.sha256(name.encode()).hexdigest()
 
 
 class TemplateStore(sequences.SequenceStore):

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Final, Self, TypeVar
 
 from modalmotion import errors, mesh
-from modalmotion.hdf5.image import Contents, require_match
 from modalmotion.store import deletion, folders, recovery
 from modalmotion.store.database import Database
 from modalmotion.store.disk import (
@@ -37,10 +36,13 @@ class Opening:
     ----------
     root : Path
         The folder; made where it is missing.
+    keep_uploads : bool
+        Whether the vertices of new sequences are kept, or only their records.
     """
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, *, keep_uploads: bool = True) -> None:
         self.root = root
+        self.keep_uploads = keep_uploads
         self._folder = folders.Folder(root)
         self._lock: FolderLock | None = None
         self._index: Index | None = None
@@ -62,21 +64,14 @@ class Opening:
             raise errors.StoreError("The store is open already.", remedy="Open it once.")
         if not self.root.is_dir():
             make_folder(self.root)
-        lock = FolderLock(self._folder.lock)
-        try:
-            database = Database(self._folder.index)
-            try:
-                index = Index(database)
-                if not index.is_clean:
-                    recovery.reconcile(self._folder, index, thorough=False)
-                deletion.forget_tombstones(self.root)
-                index.set_clean(False)
-            except BaseException:
-                database.close()
-                raise
-        except BaseException:
-            lock.release()
-            raise
+        with contextlib.ExitStack() as undo:
+            lock = undo.enter_context(FolderLock(self._folder.lock))
+            index = Index(undo.enter_context(contextlib.closing(Database(self._folder.index))))
+            if not index.is_clean:
+                recovery.reconcile(self._folder, index, thorough=False)
+            deletion.forget_tombstones(self.root)
+            index.set_clean(False)
+            undo.pop_all()
         self._is_clean = True
         self._lock, self._index = lock, index
         return self
@@ -118,20 +113,27 @@ class Opening:
         return index
 
     @contextmanager
-    def _changing(self, *sequence_ids: str) -> Iterator[bool]:
-        """Keep other changes to sequences out; after a failure the next `open` looks closely.
+    def _changing(self, *names: str) -> Iterator[bool]:
+        """Keep other changes to things out; after a failure the next `open` looks closely.
 
-        Yields whether a deletion that had failed was finished first.
+        Parameters
+        ----------
+        *names : str
+            Ids of sequences, or anything that names something else.
+
+        Yields
+        ------
+        bool
+            Whether the deletion of a sequence that had failed was finished first.
         """
         with contextlib.ExitStack() as stack:
             # All who take several take them in this order, so there is no deadlock.
-            for number in sorted({int(name[:8], 16) % _N_STRIPES for name in sequence_ids}):
+            for number in sorted({hash(name) % _N_STRIPES for name in names}):
                 stack.enter_context(self._stripes[number])
             index = self._open_index()
             try:
-                deleted = {
-                    name for name in sequence_ids if self._folder.path("deletions", name).exists()
-                }
+                ids = set(filter(folders.is_id, names))
+                deleted = {one for one in ids if self._folder.path("deletions", one).exists()}
                 for name in deleted:
                     deletion.finish_deletion(self._folder, index, name)
                 yield bool(deleted)
@@ -173,19 +175,32 @@ class Opening:
 
     def _read(
         self,
-        reader: Callable[[Path], tuple[T, Contents]],
+        reader: Callable[..., T],
         locate: Callable[[], Path],
         *,
         sequence_id: str,
         **ids: str,
     ) -> T:
         """Read what `locate` finds in the index, and check its ids."""
-        value, contents = reader(path := self._present(locate, sequence_id))
-        require_match(path, contents, sequence_id=sequence_id, **ids)
-        return value
+        ids["sequence_id"] = sequence_id
+        return reader(self._present(locate, sequence_id), ids=ids)
 
-    def _present(self, locate: Callable[[], Path], sequence_id: str) -> Path:
+    def _present(
+        self,
+        locate: Callable[[], Path],
+        sequence_id: str,
+        what: str = "",
+        way: str = "Make it again",
+    ) -> Path:
         """Give what `locate` finds in the index, if it is there.
+
+        Parameters
+        ----------
+        locate : callable
+        sequence_id : str
+            By which changes are kept out.
+        what, way : str, optional
+            Its name, and the beginning of a remedy, where it is gone.
 
         Raises
         ------
@@ -202,28 +217,13 @@ class Opening:
         if is_there:
             return path
         if path == self._folder.path("uploads", sequence_id):
-            raise lost_file(
-                f"The file of sequence {sequence_id[:12]} with its vertices",
-                "Send the sequence again, which stores them under the same id",
-            )
-        what = f"The file of a {path.parents[1].name[:-1]} of sequence {sequence_id[:12]}"
-        raise lost_file(what, "Make it again")
-
-
-def lost_file(what: str, way: str) -> errors.LostFileError:
-    """Error for a file that the index knows and that is gone.
-
-    Parameters
-    ----------
-    what : str
-        With its name.
-    way : str
-        Beginning of a remedy.
-    """
-    return errors.LostFileError(
-        f"{what} is lost: it was stored and not deleted, and its file is missing.",
-        remedy=f"{way}; or restore it from a backup (`modalmotion store restore`).",
-    )
+            what = f"The file of sequence {sequence_id[:12]} with its vertices"
+            way = "Send the sequence again, which stores them under the same id"
+        what = what or f"The file of a {path.parents[1].name[:-1]} of sequence {sequence_id[:12]}"
+        raise errors.LostFileError(
+            f"{what} is lost: it was stored and not deleted, and its file is missing.",
+            remedy=f"{way}; or restore it from a backup (`modalmotion store restore`).",
+        )
 
 
 def unknown_sequence(sequence_id: object) -> errors.NotFoundError:

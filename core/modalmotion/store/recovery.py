@@ -8,18 +8,18 @@ from typing import Any, Final
 
 from modalmotion.classification import answer, card, model_files
 from modalmotion.errors import CorruptFileError, NotFoundError, StoreError
-from modalmotion.hdf5 import image, sealed
+from modalmotion.hdf5 import sealed
 from modalmotion.images.hdf5 import read_images_file
-from modalmotion.mesh.sequence import read_sequence
+from modalmotion.mesh.sequence import sequence_from_hdf5
 from modalmotion.norm.norm import norm_from_hdf5
 from modalmotion.progress import Reporter, reported
 from modalmotion.representation import shown
-from modalmotion.signature.hdf5 import read_signature
+from modalmotion.signature.hdf5 import signature_from_hdf5
 from modalmotion.store import deletion, disk, folders
 from modalmotion.store.database import Database, ServiceTable
 from modalmotion.store.index import Index, put_models, put_records, put_results, to_text
-from modalmotion.template.template import read_template
-from modalmotion.tracking.hdf5 import read_track
+from modalmotion.template.template import template_from_hdf5
+from modalmotion.tracking.hdf5 import track_from_hdf5
 
 _STRANGE_VERTICES: Final = "Its vertices are not those that its id represents."
 
@@ -35,8 +35,7 @@ def _record(path: Path, sequence_id: str) -> folders.SequenceRecord:
 
 def _upload(path: Path, sequence_id: str) -> folders.SequenceRecord:
     """Record made of the vertices, which know neither subject nor label, nor when they came."""
-    sequence, contents = read_sequence(path)
-    image.require_match(path, contents, sequence_id=sequence_id)
+    sequence = sequence_from_hdf5(path, ids={"sequence_id": sequence_id})
     if sequence.id != sequence_id:
         raise StoreError(_STRANGE_VERTICES)
     return folders.record_of(sequence, created=to_text(path.stat().st_mtime), has_upload=True)
@@ -45,21 +44,18 @@ def _upload(path: Path, sequence_id: str) -> folders.SequenceRecord:
 def _result(path: Path, name: folders.ResultName) -> str:
     ids = {"sequence_id": name.sequence_id, "parameters_key": name.key}
     if name.kind == "signature":
-        image.require_match(path, read_signature(path)[1], **ids)
+        signature_from_hdf5(path, ids)
     elif name.kind == "classification":
-        image.require_match(
-            path, answer.read_classification(path)[1], **ids, model_id=name.model_id
-        )
+        answer.classification_from_hdf5(path, {**ids, "model_id": name.model_id})
     else:
-        track, contents = read_track(path)
-        image.require_match(path, contents, sequence_id=name.sequence_id)
+        track = track_from_hdf5(path, {"sequence_id": name.sequence_id})
         if track.sequence.id != name.sequence_id:
             raise StoreError(_STRANGE_VERTICES)
     return sealed.digest_of(path.read_bytes())
 
 
 def _template(path: Path, template_id: str) -> None:
-    image.require_match(path, read_template(path)[1], template_id=template_id)
+    template_from_hdf5(path, {"template_id": template_id})
 
 
 def _images_record(path: Path, images_id: str) -> None:
@@ -80,9 +76,8 @@ def _norm(path: Path, name: str) -> None:
 
 
 def _model(path: Path, reference: card.ModelReference) -> card.ModelRecord:
-    model, contents = model_files.read_kept_model(path)
-    image.require_match(path, contents, model=reference.name, version=reference.version)
-    return model.record
+    ids = {"model": reference.name, "version": reference.version}
+    return model_files.read_kept_model(path, ids).record
 
 
 _READERS: Final[dict[str, Callable[[Path, Any], Any]]] = {

@@ -6,14 +6,14 @@ from functools import partial
 from pathlib import Path
 
 from modalmotion import errors, mesh
-from modalmotion.classification.answer import Classification, read_classification
+from modalmotion.classification.answer import Classification, classification_from_hdf5
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
-from modalmotion.signature.hdf5 import read_signature, signature_to_hdf5
+from modalmotion.signature.hdf5 import signature_from_hdf5, signature_to_hdf5
 from modalmotion.signature.making import ModalSignature
 from modalmotion.store import deletion, disk, folders, sequences
 from modalmotion.store.images import ImageStore
 from modalmotion.store.models import ModelStore, NormStore, TemplateStore
-from modalmotion.tracking.hdf5 import read_track, track_to_hdf5
+from modalmotion.tracking.hdf5 import track_from_hdf5, track_to_hdf5
 from modalmotion.tracking.result import Track
 
 
@@ -101,7 +101,9 @@ class TrackStore(sequences.SequenceStore):
         CorruptFileError
             If its file is damaged; LostFileError if it is gone.
         """
-        track = self._read(read_track, partial(self._track_file, track_id), sequence_id=track_id)
+        track = self._read(
+            track_from_hdf5, partial(self._track_file, track_id), sequence_id=track_id
+        )
         facts = self.track_record(track_id).facts
         return replace(track, sequence=track.sequence.with_facts(facts))
 
@@ -178,7 +180,9 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
             If its file is damaged; LostFileError if it is gone.
         """
         locate = partial(self.signature_path, sequence_id, key)
-        signature = self._read(read_signature, locate, sequence_id=sequence_id, parameters_key=key)
+        signature = self._read(
+            signature_from_hdf5, locate, sequence_id=sequence_id, parameters_key=key
+        )
         return replace(signature, facts=self.sequence_record(sequence_id).facts)
 
     def signature_path(self, sequence_id: str, key: str) -> Path:
@@ -308,7 +312,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
             If its file is damaged; LostFileError if it is gone.
         """
         return self._read(
-            read_classification,
+            classification_from_hdf5,
             partial(self.classification_path, sequence_id, model_id, key),
             sequence_id=sequence_id,
             model_id=model_id,

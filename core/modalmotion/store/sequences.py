@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from modalmotion import errors, mesh
 from modalmotion.hdf5.sealed import digest_of, is_sound, load_sealed
-from modalmotion.mesh.sequence import MeshSequence, read_sequence, sequence_to_hdf5
+from modalmotion.mesh.sequence import MeshSequence, sequence_from_hdf5, sequence_to_hdf5
 from modalmotion.store import deletion, disk, opening
 from modalmotion.store.folders import (
     ResultName,
@@ -24,19 +24,7 @@ from modalmotion.store.index import now
 
 
 class SequenceStore(opening.SequenceRecords):
-    """Sequences in a folder.
-
-    Parameters
-    ----------
-    root : Path
-        The folder; made where it is missing.
-    keep_uploads : bool
-        Whether the vertices of new sequences are kept, or only their records.
-    """
-
-    def __init__(self, root: Path, *, keep_uploads: bool = True) -> None:
-        super().__init__(root)
-        self.keep_uploads = keep_uploads
+    """Sequences in a folder."""
 
     def put_sequence(
         self, sequence: MeshSequence, *, subject: str | None = None, label: str | None = None
@@ -102,7 +90,7 @@ class SequenceStore(opening.SequenceRecords):
             If the image has no sound seal.
         """
         named = replace(record, subject=subject, label=label)
-        return self._put(named, lambda: _content(image))
+        return self._put(named, lambda: load_sealed(image)[1])
 
     def _put(
         self,
@@ -201,9 +189,11 @@ class SequenceStore(opening.SequenceRecords):
             for what, text in stated.items():
                 require_name(what, text)
             wanted.facts.require_fit(record.n_vertices, record.span)
-            results = {} if track is None else {track_name(record.id): lambda: _content(track)}
+            results = (
+                {} if track is None else {track_name(record.id): lambda: load_sealed(track)[1]}
+            )
             files, digests = self._missing(
-                record.id, lambda: _content(image), results, is_known=known is not None
+                record.id, lambda: load_sealed(image)[1], results, is_known=known is not None
             )
             created = now() if known is None else known.created
             record = replace(
@@ -287,7 +277,7 @@ class SequenceStore(opening.SequenceRecords):
             If its file is damaged; LostFileError if it is gone.
         """
         locate = partial(self._upload, sequence_id)
-        sequence = self._read(read_sequence, locate, sequence_id=sequence_id)
+        sequence = self._read(sequence_from_hdf5, locate, sequence_id=sequence_id)
         return sequence.with_facts(self.sequence_record(sequence_id).facts)
 
     def delete_sequence(self, sequence_id: str) -> None:
@@ -309,10 +299,6 @@ class SequenceStore(opening.SequenceRecords):
             self.sequence_record(sequence_id)
             deletion.begin_deletion(self._folder, sequence_id)
             deletion.finish_deletion(self._folder, index, sequence_id)
-
-
-def _content(image: bytes | Path) -> bytes:
-    return load_sealed(image)[1]
 
 
 def upload_image(sequence: MeshSequence) -> bytes:

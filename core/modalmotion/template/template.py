@@ -10,7 +10,16 @@ import numpy as np
 import scipy
 
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.hdf5.image import Contents, Dataset, Form, json_text
+from modalmotion.hdf5.image import (
+    ANY_IDS,
+    UNKNOWN,
+    Contents,
+    Dataset,
+    Form,
+    Ids,
+    datasets_of,
+    json_text,
+)
 from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.spring_modes import Modes, spring_modes
@@ -78,12 +87,6 @@ class Template(FrozenArrays):
     reason: str
     notes: tuple[Note, ...]
     placement: Placement | None = None
-
-    def __post_init__(self) -> None:
-        for name in (
-            *("coordinates", "weights", "vertices", "faces", "representatives", "isolated"),
-        ):
-            getattr(self, name).setflags(write=False)
 
     @property
     def topology(self) -> topologies.Topology:
@@ -339,7 +342,18 @@ def choose_modes(
     return chosen, (note,)
 
 
-FORM: Final = Form("template", 2)
+FORM: Final = Form("template", 3)
+
+_FACES: Final = {"faces": ("1", "face, corner")}
+# Without the faces, which a sequence in the same file has.
+_ARRAYS: Final = {
+    "vertices": ("{u}", "vertex, direction"),
+    "coordinates": ("1", "vertex, axis"),
+    "weights": ("1", "vertex"),
+    "lengths": ("{u}", "axis of the surface"),
+    "representatives": ("1", "vertex"),
+    "isolated": ("1", "isolated vertex"),
+}
 
 
 def template_to_hdf5(template: Template) -> bytes:
@@ -354,74 +368,52 @@ def template_to_hdf5(template: Template) -> bytes:
     bytes
         The same for the same template.
     """
-    datasets = [
-        Dataset("faces", template.faces.astype("<i8", copy=False), "1", "face, corner"),
-        *template_datasets(template, "length unit of the sequence"),
-    ]
+    unit = "length unit of the sequence"
+    datasets = [*datasets_of(template, _FACES), *template_datasets(template, unit)]
     topology = topologies.MESH if template.surface is None else template.surface.name
     return FORM.image({"template_id": template.id}, datasets, topology=topology)
 
 
-def template_datasets(template: Template, unit: str, shape: str = "vertices") -> list[Dataset]:
-    """Datasets of a template without its faces, which a sequence in the same file has.
-
-    `shape` is the name of that of its vertices.
-    """
+def template_datasets(template: Template, unit: str | None, prefix: str = "") -> list[Dataset]:
+    """Datasets of a template without its faces, with this before their names."""
+    texts = {"reason": template.reason, "notes": template.notes}
     datasets = [
-        Dataset("coordinates", template.coordinates, "1", "vertex, axis"),
-        Dataset("weights", template.weights, "1", "vertex"),
-        Dataset("lengths", np.array(template.lengths, dtype=np.float64), unit, "axis"),
-        Dataset(shape, template.vertices, unit, "vertex, direction"),
-        Dataset("isolated", template.isolated.astype("<i8", copy=False), "1", "vertex"),
-        json_text("texts", {"reason": template.reason, "notes": template.notes}),
+        *datasets_of(template, _ARRAYS, unit, prefix=prefix),
+        json_text(f"{prefix}texts", texts),
     ]
-    if is_merged(template.representatives):
-        first = template.representatives.astype("<i8", copy=False)
-        datasets.append(Dataset("representatives", first, "1", "vertex"))
     if template.landmarks is not None:
         datasets += landmark_datasets(template.landmarks, unit)
     return datasets
 
 
-def template_from_hdf5(source: bytes | Path) -> Template:
+def template_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> Template:
     """Read a template, bit for bit as it was written.
 
     Parameters
     ----------
     source : bytes or Path
+    ids : mapping
+        Attributes that it must have.
 
     Raises
     ------
     StoreError
         As in `Form.read`.
     """
-    return read_template(source)[0]
+    with FORM.read(source, ids) as contents:
+        return template_in(contents)
 
 
-def read_template(source: bytes | Path) -> tuple[Template, Contents]:
-    """Read a template together with the contents of its file."""
-    with FORM.read(source) as contents:
-        return template_in(contents), contents
-
-
-def template_in(contents: Contents, shape: str = "vertices") -> Template:
+def template_in(contents: Contents, prefix: str = "") -> Template:
     """Template that the contents of a file have; see `template_datasets`."""
-    name = contents.text("topology")
-    weights = contents.array("weights", (None,))
-    texts = contents.json("texts", dict)
+    name, texts = contents.text("topology"), contents.json(f"{prefix}texts", dict)
+    sizes = {"direction": 3, "corner": 3}
+    arrays = contents.table(_FACES, sizes) | contents.table(_ARRAYS, sizes, prefix=prefix)
     return Template(
+        **{**arrays, "lengths": tuple(arrays["lengths"].tolist())},
         id=contents.text("template_id"),
         surface=None if name == topologies.MESH else topologies.Topology.parse(name),
-        coordinates=contents.array("coordinates", (len(weights), None)),
-        weights=weights,
-        lengths=tuple(contents.array("lengths", (None,)).tolist()),
         landmarks=landmarks_from(contents),
-        vertices=contents.array(shape, (len(weights), 3)),
-        faces=contents.array("faces", (None, 3)),
-        representatives=contents.array("representatives", (len(weights),))
-        if "representatives" in contents.arrays
-        else np.arange(len(weights)),
-        isolated=contents.array("isolated", (None,)),
         reason=texts["reason"],
         notes=notes_from_json(texts["notes"]),
     )
@@ -430,7 +422,7 @@ def template_in(contents: Contents, shape: str = "vertices") -> Template:
 _VECTORS: Final = ("origin", "axis", "theta_zero", "apex", "base")
 
 
-def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
+def landmark_datasets(landmarks: Landmarks, unit: str | None) -> list[Dataset]:
     """Datasets that contain landmarks."""
     vectors = np.array([getattr(landmarks, name) for name in _VECTORS], dtype=np.float64)
     rest = {
@@ -439,7 +431,10 @@ def landmark_datasets(landmarks: Landmarks, unit: str) -> list[Dataset]:
         "given": landmarks.given,
     }
     axes = "origin axis theta_zero apex base, direction"
-    return [Dataset("landmarks", vectors, unit, axes), json_text("landmark_strengths", rest)]
+    return [
+        Dataset("landmarks", vectors, unit or UNKNOWN, axes),
+        json_text("landmark_strengths", rest),
+    ]
 
 
 def landmarks_from(contents: Contents) -> Landmarks | None:

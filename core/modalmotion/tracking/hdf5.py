@@ -1,14 +1,20 @@
 """Tracks as HDF5."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final
-
-import numpy as np
+from typing import Final
 
 from modalmotion import errors, notes
-from modalmotion.hdf5.image import UNKNOWN, Contents, Dataset, form_of, json_text
+from modalmotion.hdf5.image import (
+    ANY_IDS,
+    UNKNOWN,
+    Contents,
+    Dataset,
+    Ids,
+    datasets_of,
+    form_of,
+    json_text,
+)
 from modalmotion.mesh.sequence import TRACK, sequence_datasets, sequence_in
 from modalmotion.modes import ModeSet
 from modalmotion.template.body_frame import affine_shapes
@@ -18,59 +24,28 @@ from modalmotion.tracking.noise import Noise, Prior
 
 FORM: Final = TRACK
 
-# Arrays of a track and of its template: power of the length unit, and axes.
-_TRACK: Final = {
-    "amplitudes": (1, "frame, mode, direction"),
-    "covariances": (2, "frame, mode direction, mode direction"),
-    "deviations": (1, "frame, vertex, normal and tangential"),
-    "truncations": (1, "frame"),
-    "residuals": (1, "frame, rms and p95"),
-    "inliers": (0, "frame"),
-    "coverage": (0, "frame"),
+_ARRAYS: Final = {
+    "amplitudes": ("{u}", "frame, mode, direction"),
+    "covariances": ("{u}^2", "frame, mode direction, mode direction"),
+    "deviations": ("{u}", "frame, vertex, normal and tangential"),
+    "truncations": ("{u}", "frame"),
+    "residuals": ("{u}", "frame, rms and p95"),
+    "inliers": ("1", "frame"),
+    "coverage": ("1", "frame"),
+    "volume_deviations": ("{u}^3", "frame"),
 }
-
-# Name of the template's vertices: "vertices" are those of the frames.
-_SHAPE: Final = "reference_vertices"
-
-_MODES: Final = {"wavenumbers": (0, "mode, axis"), "is_sine": (0, "mode")}
+_MODES: Final = {"wavenumbers": ("1", "mode, axis"), "is_sine": ("1", "mode")}
 _DATA: Final = {
-    "points": (1, "point, direction"),
-    "weights": (0, "point"),
-    "are_landmarks": (0, "point"),
-    "counts": (0, "frame"),
+    "points": ("{u}", "point, direction"),
+    "weights": ("1", "point"),
+    "are_landmarks": ("1", "point"),
+    "counts": ("1", "frame"),
 }
-
-_SIZES: Final = {"direction": 3, "corner": 3, "normal and tangential": 2, "rms and p95": 2}
-
-
-def _written(
-    owner: object, table: Mapping[str, tuple[int, str]], unit: str, prefix: str = ""
-) -> list[Dataset]:
-    """Datasets of the arrays of a table; truth values and whole numbers in one width."""
-    made = []
-    for name, (power, axes) in table.items():
-        array = np.asarray(getattr(owner, name))
-        kind = {"b": "u1", "i": "<i8"}.get(array.dtype.kind)
-        units = {0: "1", 1: unit}.get(power, f"{unit}^{power}")
-        array = array if kind is None else array.astype(kind, copy=False)
-        made.append(Dataset(prefix + name, array, units, axes))
-    return made
-
-
-def _read(
-    contents: Contents,
-    table: Mapping[str, tuple[int, str]],
-    sizes: Mapping[str, int],
-    prefix: str = "",
-) -> dict[str, Any]:
-    """Arrays of a table, of the shapes that their axes say."""
-    return {
-        name: contents.array(
-            prefix + name,
-            tuple({**_SIZES, **sizes}.get(axis) for axis in axes.split(", ")),
-        )
-        for name, (_, axes) in table.items()
-    }
+# For other readers.
+_DERIVED: Final = {
+    "determined": ("1", "mode, normal and tangential"),
+    "volumes": ("{u}^3", "frame"),
+}
 
 
 def track_to_hdf5(track: result.Track) -> bytes:
@@ -86,12 +61,13 @@ def track_to_hdf5(track: result.Track) -> bytes:
         The same for the same track.
     """
     sequence, template, known = track.sequence, track.template, track.sequence.uncertainty
-    unit = sequence.unit or UNKNOWN
+    unit = sequence.unit
     across = track.covariances if known is None else known.across
     estimate = {
         "prior": asdict(track.prior),
         "noise": asdict(track.noise),
         "reference": track.reference,
+        "unseen": track.unseen,
         "volume_correlation": track.volume_correlation,
         "images": None if track.images is None else asdict(track.images),
         "ejection_fraction_percent": track.ejection_fraction,
@@ -99,54 +75,41 @@ def track_to_hdf5(track: result.Track) -> bytes:
     }
     datasets = [
         *sequence_datasets(sequence),
-        *template_datasets(template, unit, _SHAPE),
-        *_written(track, _TRACK, unit),
-        *_written(track.modes, _MODES, unit),
-        *([] if track.data is None else _written(track.data, _DATA, unit, "data_")),
-        Dataset("across_covariances", across, f"{unit}^2", _TRACK["covariances"][1]),
-        Dataset("determined", track.determined, "1", "mode, normal and tangential"),
-        Dataset("unseen", np.array(track.unseen, dtype="<i8"), "1", "frame"),
+        *template_datasets(template, unit, "template_"),
+        *datasets_of(track, _ARRAYS, unit),
+        *datasets_of(track, _DERIVED, unit),
+        *datasets_of(track.modes, _MODES, unit),
+        *([] if track.data is None else datasets_of(track.data, _DATA, unit, prefix="data_")),
+        Dataset("across_covariances", across, f"{unit or UNKNOWN}^2", _ARRAYS["covariances"][1]),
         json_text("estimate", estimate),
         json_text("notes", track.notes),
         json_text("provenance", dict(track.provenance)),
     ]
-    if track.volumes is not None and track.volume_deviations is not None:
-        datasets.append(Dataset("volumes", track.volumes, f"{unit}^3", "frame"))
-        datasets.append(Dataset("volume_deviations", track.volume_deviations, f"{unit}^3", "frame"))
     return FORM.image(
         {"sequence_id": sequence.id, "template_id": template.id},
         datasets,
         topology=template.topology.name,
-        unit=unit,
+        unit=unit or UNKNOWN,
         grid=sequence.grid,
     )
 
 
-def track_from_hdf5(source: bytes | Path) -> result.Track:
+def track_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> result.Track:
     """Read a track, bit for bit as it was written.
 
     Parameters
     ----------
     source : bytes or Path
+    ids : mapping
+        Attributes that it must have.
 
     Raises
     ------
     StoreError
         As in `Form.read`.
     """
-    return read_track(source)[0]
-
-
-def read_track(source: bytes | Path) -> tuple[result.Track, Contents]:
-    """Read a track, and the contents of its file besides.
-
-    Raises
-    ------
-    StoreError
-        As in `Form.read`.
-    """
-    with FORM.read(source) as contents:
-        return _track_in(contents), contents
+    with FORM.read(source, ids) as contents:
+        return _track_in(contents)
 
 
 def kept_track(source: Path) -> result.Track | None:
@@ -160,34 +123,30 @@ def kept_track(source: Path) -> result.Track | None:
     return track_from_hdf5(source) if is_track else None
 
 
-def _data_in(contents: Contents, sizes: Mapping[str, int]) -> result.SampledData | None:
+def _data_in(contents: Contents, sizes: dict[str, int]) -> result.SampledData | None:
     if "data_points" not in contents.arrays:
         return None
-    arrays = _read(
-        contents, _DATA, {**sizes, "point": len(contents.arrays["data_points"])}, "data_"
-    )
+    arrays = contents.table(_DATA, sizes, prefix="data_")
     n, counts = len(arrays["points"]), arrays["counts"]
     if counts.min(initial=0) < 0 or counts.sum() != n:
         raise ValueError(f"the frames have {counts.sum()} points, and there are {n}")
-    arrays["are_landmarks"] = arrays["are_landmarks"].astype(np.bool_)
     return result.SampledData(**arrays)
 
 
 def _track_in(contents: Contents) -> result.Track:
     """Read the track that the contents of a file hold."""
-    sequence, template = sequence_in(contents), template_in(contents, _SHAPE)
-    (f, v, _), m = sequence.vertices.shape, len(contents.array("wavenumbers", (None, None)))
+    sequence, template = sequence_in(contents), template_in(contents, "template_")
     topology = template.topology
-    sizes = {"frame": f, "mode": m, "vertex": v, "axis": topology.n_axes, "mode direction": 3 * m}
+    sizes = {"direction": 3, "normal and tangential": 2, "rms and p95": 2}
+    sizes |= {"frame": sequence.n_frames, "vertex": sequence.n_vertices, "axis": topology.n_axes}
+    modes = ModeSet(topology, **contents.table(_MODES, sizes))
+    sizes["mode direction"] = 3 * len(modes)
+    arrays = contents.table(_ARRAYS, sizes, optional=("volume_deviations",))
     estimate = contents.json("estimate", dict)
-    has_volumes = "volume_deviations" in contents.arrays
-    found = _read(contents, _MODES, sizes)
-    modes = ModeSet(topology, found["wavenumbers"], found["is_sine"].astype(np.bool_))
-    arrays = _read(contents, _TRACK, sizes)
     uncertainty = quality_checks.uncertainty_of(
         template,
         affine_shapes(shapes_of(modes, template), template),
-        contents.array("across_covariances", (f, 3 * m, 3 * m)),
+        contents.array("across_covariances", arrays["covariances"].shape),
         arrays["covariances"],
         arrays["truncations"],
         estimate["noise"]["n_values"],
@@ -201,8 +160,7 @@ def _track_in(contents: Contents) -> result.Track:
         modes=modes,
         prior=Prior(**estimate["prior"]),
         noise=Noise(**estimate["noise"]),
-        volume_deviations=contents.array("volume_deviations", (f,)) if has_volumes else None,
-        unseen=tuple(contents.array("unseen", (None,)).tolist()),
+        unseen=tuple(estimate["unseen"]),
         volume_correlation=estimate["volume_correlation"],
         reference=estimate["reference"],
         data=_data_in(contents, sizes),

@@ -250,7 +250,7 @@ async def train(
             with contextlib.suppress(ParameterError):
                 if await train_with(replace(parameters, topology=MESH), other) > n_kept:
                     image, other = other, image
-        model, _ = await asyncio.to_thread(model_files.read_kept_model, image)
+        model = await asyncio.to_thread(model_files.read_kept_model, image)
         return await asyncio.to_thread(state.store.put_model, model)
     finally:
         for path in (image, other):

@@ -12,7 +12,7 @@ from clouds import breathing_spheroid, sampled
 from ellipsoid_images import LANDMARKS, enclosed, labels, planes
 from PIL import Image
 
-from modalmotion.cli import main
+from modalmotion.cli import main, simulate_command
 from modalmotion.cli.track_commands import stated_landmarks
 from modalmotion.errors import ParameterError
 from modalmotion.formats import DEFAULT_LIMITS, ParserHere, read_npz
@@ -157,6 +157,20 @@ def test_a_simulated_label_map_is_read_with_no_option(tmp_path: Path) -> None:
     found, truth = values["map.nii.gz"], values["map.truth.npz"]
     assert found["low"] < truth["value"] < found["high"]
     assert found["high"] - found["low"] < 12.0
+
+
+def test_planes_are_refused_as_one_nifti_before_they_are_simulated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def simulated(*_: object, **__: object) -> None:
+        raise AssertionError("simulated first")
+
+    monkeypatch.setattr(simulate_command, "simulate_images", simulated)
+    words = ["simulate", "--image", "cine", "-o", str(tmp_path / "x.nii.gz")]
+    run = CliRunner().invoke(main, words)
+    assert run.exit_code == 2, run.output
+    assert "-o x.zip" in run.output
+    assert not [*tmp_path.iterdir()]
 
 
 def test_simulated_images_are_what_their_name_says(tmp_path: Path) -> None:

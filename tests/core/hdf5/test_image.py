@@ -216,7 +216,7 @@ def test_any_hdf5_program_reads_the_file_and_learns_what_is_in_it(tmp_path: Path
         "sequence": sequence_to_hdf5(sequence),
         "classification": classification_to_hdf5(classification),
     }
-    versions = {"signature": 6, "sequence": 2, "classification": 5}
+    versions = {"signature": 7, "sequence": 2, "classification": 5}
     for kind, image in images.items():
         path = tmp_path / f"{kind}.h5"
         path.write_bytes(image)

@@ -107,7 +107,7 @@ def test_another_kind_of_file_is_named() -> None:
         signature_from_hdf5(image)
 
 
-@pytest.mark.parametrize("version", [0, 7, 999])
+@pytest.mark.parametrize("version", [0, 8, 999])
 def test_a_newer_schema_is_refused_by_its_number(version: int) -> None:
     attributes: dict[str, Attribute] = {
         "schema": "modalmotion.signature",
@@ -116,7 +116,7 @@ def test_a_newer_schema_is_refused_by_its_number(version: int) -> None:
     image = sealed_image(attributes, [json_text("notes", [])])
     with pytest.raises(CorruptFileError, match=f"version {version}") as caught:
         signature_from_hdf5(image)
-    assert caught.value.details == {"schema_version": version, "known": 6}
+    assert caught.value.details == {"schema_version": version, "known": 7}
 
 
 def changed(image: bytes, path: Path, change: Callable[[h5py.File], None]) -> bytes:

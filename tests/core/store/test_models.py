@@ -347,7 +347,7 @@ def test_a_model_comes_back_as_it_was(model: Model, tmp_path: Path) -> None:
         assert record.parameters == model.signature_parameters
         found = store.model("mine")
         assert (found.name, found.id) == ("mine", record.id)
-        kept, _ = read_kept_model(store.model_path("mine", 1))
+        kept = read_kept_model(store.model_path("mine", 1))
         assert kept.card == json.loads(json.dumps(kept_model(model).card))
 
 

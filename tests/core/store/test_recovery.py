@@ -286,10 +286,14 @@ def test_every_dataset_and_attribute_of_a_file_is_documented(root: Path, tmp_pat
     template.write_bytes(template_to_hdf5(make_template(sample_sequence(1))))
     export(root, tmp_path / "out.h5")
     names: set[str] = set()
+    heads: set[str] = set()
     for path in (template, tmp_path / "out.h5", *root.glob("*/*/*.h5")):
         with h5py.File(path, "r") as file:
+            schema = np.asarray(file.attrs["schema"]).astype(str)
+            heads.add(f"`{schema}`, version {file.attrs['schema_version']}\n")
             for group in (file, *(item for item in file.values() if isinstance(item, h5py.Group))):
                 names |= set(group.attrs)
                 names |= {name for name, item in group.items() if isinstance(item, h5py.Dataset)}
     text = documentation()
     assert not {name for name in names if f"`{name}`" not in text}
+    assert not {head for head in heads if head not in text}
