@@ -159,10 +159,6 @@ class Model(FrozenArrays, Saved, Plotted):
     card: ModelCard
     cross_validation: performance.CrossValidation | None = None
 
-    def __post_init__(self) -> None:
-        for array in (self.weights, self.intercepts, self.centre, self.shares, *self.strangeness):
-            array.setflags(write=False)
-
     @cached_property
     def id(self) -> str:
         """Identity: sha256 in hex of everything that an answer depends on."""

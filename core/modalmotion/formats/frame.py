@@ -1,7 +1,7 @@
 """One frame of a sequence, its polygons as triangles, and vertices that triangles share."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.errors import ConnectivityError, InputError, ShapeError
+from modalmotion.errors import (
+    ConnectivityError,
+    InputError,
+    MalformedFileError,
+    ModalMotionError,
+    ShapeError,
+)
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.notes import Note
 from modalmotion.representation import FloatArray, Ints
@@ -94,6 +100,33 @@ def in_frame(frame: int | None, name: str = "") -> Iterator[None]:
         if name:
             error.details["file"] = name[-200:]
         raise
+
+
+_MISSHAPEN: Final = (
+    *(KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError),
+)
+
+
+@contextmanager
+def misread(
+    malformed: Callable[[str], MalformedFileError],
+    what: str,
+    kinds: tuple[type[Exception], ...] = _MISSHAPEN,
+) -> Iterator[None]:
+    """Make one error of whatever reading content of another shape raises.
+
+    Raises
+    ------
+    MalformedFileError
+        Made by `malformed` of `what`, and of what was raised.
+    """
+    try:
+        yield
+    except (ModalMotionError, MemoryError):
+        raise
+    except kinds as error:
+        reason = " ".join(str(error).split())[:80]
+        raise malformed(f"{what} ({type(error).__name__}: {reason}).") from error
 
 
 Integers = Sequence[int] | Ints

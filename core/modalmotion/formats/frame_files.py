@@ -20,9 +20,9 @@ from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
-from modalmotion.errors import InputError, LimitError, MalformedFileError
+from modalmotion.errors import LimitError, MalformedFileError
 from modalmotion.formats import detect, npz, ply, vtk_xml
-from modalmotion.formats.frame import TRACK, Frame
+from modalmotion.formats.frame import TRACK, Frame, misread
 from modalmotion.formats.frames import read_frames, read_mesh
 from modalmotion.formats.named_arrays import XDMF_SUFFIXES, read_xdmf
 from modalmotion.formats.result import Answer, Parser, Reading
@@ -114,17 +114,12 @@ def read_series(data: bytes, limits: ReadLimits = NO_LIMITS) -> Listing:
     LimitError
         If it lists more frames than `limits` accept.
     """
-    try:
+    with misread(_malformed, "The series file is not of the form that ParaView writes"):
         if data.lstrip()[:1] == b"<":
             listed = _pvd(data, limits)
         else:
             listed = [(one["time"], one["name"]) for one in json.loads(data)["files"]]
         entries = [(float(time), name) for time, name in listed]
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-        what = f"not of the form that ParaView writes ({str(error)[:80]})"
-        raise _malformed(f"The series file is {what}.") from error
     if not entries:
         raise _malformed("The series file lists no frames.")
     for time, name in entries:
@@ -230,7 +225,6 @@ def read_files(
     read: Callable[[str], bytes],
     parser: Parser,
     progress: Reporter | None = None,
-    sizes: Mapping[str, int] | None = None,
 ) -> Reading:
     """Read a sequence from files.
 
@@ -242,8 +236,6 @@ def read_files(
     parser : Parser
         Its limits apply.
     progress : callable, optional
-    sizes : mapping of str to int, optional
-        Bytes of each, where reading unpacks them: those that are read are compared with the limits.
 
     Raises
     ------
@@ -260,10 +252,6 @@ def read_files(
     listing = list_frames(names, read, parser.limits)
     if not listing.names:
         raise _no_frames(visible)
-    if sizes is not None:
-        # A list may name one frame many times.
-        total = sum(sizes[name] for name in listing.names)
-        parser.limits.require(decompressed_bytes=total)
 
     def frame(name: str) -> tuple[Frame, detect.Format]:
         return read_mesh(read(name), None, parser.limits)
@@ -287,11 +275,6 @@ def _no_frames(names: list[str]) -> MalformedFileError:
         f"There are no frames among {counted(len(names), 'file')}{f' ({seen})' if seen else ''}.",
         remedy=remedy,
     )
-
-
-def is_pattern(path: Path) -> bool:
-    """Return whether a path is a pattern of names such as scan_*.ply."""
-    return bool({*"*?["} & set(path.name))
 
 
 def read_folder(path: Path, parser: Parser, progress: Reporter | None = None) -> Reading:
@@ -389,8 +372,16 @@ def read_zip(data: bytes, parser: Parser, progress: Reporter | None = None) -> R
         If the frames do not form a sequence; frame and file are named.
     """
     with opened(data, parser) as archive:
-        files, sizes = archive.files, archive.sizes
-        return read_files([*files], lambda name: files[name](), archive, progress, sizes)
+        n_bytes = 0
+
+        def read(name: str) -> bytes:
+            nonlocal n_bytes
+            # A list may name one frame many times.
+            n_bytes += archive.sizes[name]
+            archive.limits.require(decompressed_bytes=n_bytes)
+            return archive.files[name]()
+
+        return read_files([*archive.files], read, archive, progress)
 
 
 @contextmanager

@@ -11,7 +11,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import scipy
 
-from modalmotion.errors import InputError, MalformedFileError, ParameterError
+from modalmotion.errors import MalformedFileError, ParameterError
+from modalmotion.formats.frame import misread
 from modalmotion.formats.glb_writing import BINARY, JSON, MAGIC, OURS, VERSION
 from modalmotion.formats.result import Reading, reading_of
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
@@ -32,9 +33,6 @@ _COMPONENTS: Final = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
 
 # Bytes in memory for each byte of the file: a few shapes may move over a thousand frames.
 _UNFOLDING: Final = 200
-
-# Errors of reading a document of the wrong shape, at any place.
-_MISSHAPEN: Final = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError)
 
 _malformed: Final = partial(
     MalformedFileError, remedy="Export the animation again as binary glTF (.glb)."
@@ -69,17 +67,10 @@ def read_glb(
     ParameterError
         If no animation has that name.
     """
-    try:
-        # Numbers of any size may be in a file; the validator finds overflows.
-        with np.errstate(all="ignore"):
-            return _read(File(data, limits), animation)
-    except InputError:
-        raise
-    except _MISSHAPEN as error:
-        raise _malformed(
-            f"The GLB file's document does not follow glTF ({type(error).__name__}: "
-            f"{str(error)[:60]})."
-        ) from error
+    # Numbers of any size may be in a file; the validator finds overflows.
+    what = "The document of the GLB file does not follow glTF"
+    with np.errstate(all="ignore"), misread(_malformed, what):
+        return _read(File(data, limits), animation)
 
 
 class File:
@@ -110,11 +101,8 @@ class File:
                 raise _malformed("A part of the GLB file is cut short.")
             parts.setdefault(kind, memoryview(data)[at + 8 : at + 8 + size])
             at += 8 + size
-        try:
+        with misread(_malformed, "The document of the GLB file cannot be read"):
             self.document: dict[str, Any] = json.loads(bytes(parts[JSON]))
-        except (KeyError, ValueError, RecursionError) as error:
-            what = f"document cannot be read ({str(error)[:80]})"
-            raise _malformed(f"The GLB file's {what}.") from error
         self.binary = parts.get(BINARY, memoryview(b""))
         self.limits = limits.of_file(len(data), _UNFOLDING)
         self._n_bytes = 0

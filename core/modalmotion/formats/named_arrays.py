@@ -11,7 +11,7 @@ import numpy as np
 
 from modalmotion import errors
 from modalmotion.formats import detect, frames, vtk_xml
-from modalmotion.formats.frame import Frame
+from modalmotion.formats.frame import Frame, misread
 from modalmotion.formats.result import Parsed, Parser, Reading
 from modalmotion.limits import DEFAULT_LIMITS, ReadLimits
 from modalmotion.mesh.checks import single_precision
@@ -68,17 +68,13 @@ def parse_matlab(data: bytes, limits: ReadLimits) -> Parsed:
     """Read a MATLAB file up to version 7 by SciPy, in this process."""
     from scipy.io import loadmat, whosmat
 
-    try:
+    # SciPy's reader raises what NumPy, zlib and struct do.
+    with misread(_malformed, "The MATLAB file cannot be read", (Exception,)):
         shapes = {name: shape for name, shape, _ in whosmat(io.BytesIO(data))}
         aliases = _required(shapes, "MATLAB file")
         wanted = [*aliases.values()]
         limits.require(decompressed_bytes=sum(_BYTES * prod(shapes[name]) for name in wanted))
         arrays = loadmat(io.BytesIO(data), variable_names=wanted)
-    except (errors.MalformedFileError, MemoryError):
-        raise
-    except Exception as error:
-        # SciPy's reader raises what NumPy, zlib and struct do.
-        raise _malformed(f"The MATLAB file cannot be read ({str(error)[:80]}).") from error
     own = {ours: arrays[theirs] for ours, theirs in aliases.items()}
     return _parsed(own, aliases, shapes, "mat", limits, is_matlab=True)
 
@@ -308,13 +304,8 @@ def read_xdmf(data: bytes, beside: Callable[[str], bytes], parser: Parser) -> Re
     numbers = _numbers_of(beside, parser)
 
     def read(grid: Element) -> tuple[Frame, detect.Format]:
-        try:
+        with misread(_bad_xdmf, "The XDMF file has numbers that cannot be read"):
             return _frame(grid, domain, numbers), detect.Format.XDMF
-        except errors.InputError:
-            raise
-        except (TypeError, ValueError) as error:
-            what = f"has numbers that cannot be read ({str(error)[:60]})"
-            raise _bad_xdmf(f"The XDMF file {what}.") from error
 
     return frames.read_frames(steps, read, parser.limits)
 

@@ -24,6 +24,7 @@ from numpy.lib import format as npy
 
 from modalmotion import errors, mesh
 from modalmotion.formats import frame, named_arrays, result
+from modalmotion.formats.frame import misread
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.numeric.unpacking import PIECE, filled
@@ -200,7 +201,8 @@ _LONGEST_HEADER: Final = 10_012
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Array:
     name = info.filename.removesuffix(".npy")
-    try:
+    # NumPy reads the header as Python writes it, and raises what Python does.
+    with misread(_malformed, f"The array {name[:40]!r} cannot be read", (Exception,)):
         with archive.open(info) as packed:
             # NumPy would read as much as the header says that it is long.
             stream = io.BytesIO(packed.read(_LONGEST_HEADER))
@@ -208,9 +210,6 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Array:
         is_first = read_magic(stream) == (1, 0)
         read: Any = npy.read_array_header_1_0 if is_first else npy.read_array_header_2_0
         shape, is_fortran, dtype = read(stream)
-    except Exception as error:
-        # NumPy reads the header as Python writes it, and raises what Python does.
-        raise _malformed(f"The array {name[:40]!r} cannot be read: {_reason(error)}.") from error
     if dtype.kind not in ("fiuU" if name in _TEXTS else "fiu"):
         raise (errors.MalformedFileError if dtype.hasobject else errors.ShapeError)(
             f"The array {name[:40]!r} contains {dtype.str[:20]}, which is not understood there; "
@@ -227,7 +226,7 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Array:
     try:
         data = member_content(archive, info)
     except UNREADABLE as error:
-        raise _malformed(f"The array {name[:40]!r} is damaged: {_reason(error)}.") from error
+        raise _malformed(f"The array {name[:40]!r} is damaged ({str(error)[:120]}).") from error
     array: Array = np.frombuffer(data, dtype, offset=stream.tell())
     return array.reshape(shape, order="F" if is_fortran else "C")
 
@@ -251,10 +250,6 @@ def text_in(arrays: dict[str, Array], name: str) -> Any:
         )
     value = array.item()
     return None if value == "" else value
-
-
-def _reason(error: Exception) -> str:
-    return str(error).splitlines()[0][:120] if str(error) else type(error).__name__
 
 
 def _some(names: Iterable[str]) -> str:

@@ -68,7 +68,7 @@ def _read(
     if isinstance(source, bytes):
         return _read_bytes(source, options, parser, progress)
     is_list = source.suffix.lower() in frame_files.LISTS and source.is_file()
-    if is_list or source.is_dir() or (frame_files.is_pattern(source) and not source.exists()):
+    if is_list or source.is_dir() or ({*"*?["} & {*source.name} and not source.exists()):
         return frame_files.read_folder(source, parser, progress)
     try:
         data = source.read_bytes()

@@ -92,11 +92,8 @@ _LONGEST_FACET: Final = 10_000
 
 def is_binary_stl(data: bytes) -> bool:
     """Return whether the number of triangles agrees with the number of bytes."""
-    return len(data) >= _HEADER_BYTES and _declared_bytes(data) == len(data)
-
-
-def _declared_bytes(data: bytes) -> int:
-    return _HEADER_BYTES + int.from_bytes(data[80:_HEADER_BYTES], "little") * _TRIANGLE.itemsize
+    n = int.from_bytes(data[80:_HEADER_BYTES], "little")
+    return len(data) >= _HEADER_BYTES and len(data) == _HEADER_BYTES + n * _TRIANGLE.itemsize
 
 
 def read_stl(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:

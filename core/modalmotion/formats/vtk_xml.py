@@ -14,8 +14,8 @@ from xml.parsers import expat
 
 import numpy as np
 
-from modalmotion.errors import InputError, LimitError, MalformedFileError
-from modalmotion.formats.frame import Frame, space_in
+from modalmotion.errors import LimitError, MalformedFileError
+from modalmotion.formats.frame import Frame, misread, space_in
 from modalmotion.formats.vtk_legacy import malformed, numbers_in, surface_of, whole
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.numeric.unpacking import unpacked
@@ -60,13 +60,8 @@ def read_vtk_xml(data: bytes, limits: ReadLimits = NO_LIMITS) -> Frame:
         if not data.rstrip().endswith(b"</VTKFile>"):
             raise malformed("The VTK file is cut short.")
     root = xml_tree(tree, "VTK", malformed, _MOST_ELEMENTS)
-    try:
+    with misread(malformed, "The VTK file is not as VTK writes it"):
         return _File(root, data, found, limits).frame()
-    except InputError:
-        raise
-    except (KeyError, ValueError, AttributeError, IndexError) as error:
-        reason = f"{type(error).__name__}: {str(error)[:60]}"
-        raise malformed(f"The VTK file is not as VTK writes it ({reason}).") from error
 
 
 class _File:
@@ -290,10 +285,7 @@ def xml_tree(
     parser.EntityDeclHandler = refuse
     if not has_type:
         parser.StartDoctypeDeclHandler = refuse
-    try:
+    bad = (expat.ExpatError, LookupError, ValueError)
+    with misread(malformed, f"The {form} file is not readable XML", bad):
         parser.Parse(data, True)
-    except InputError:
-        raise
-    except (expat.ExpatError, LookupError, ValueError) as error:
-        raise malformed(f"The {form} file is not readable XML ({str(error)[:80]}).") from error
     return builder.close()

@@ -337,10 +337,6 @@ class Uncertainty(FrozenArrays):
     papillary_volume: float = 0.0
     notes: tuple[Note, ...] = ()
 
-    def __post_init__(self) -> None:
-        for name in ("shapes", "across", "along", "rest", "alike"):
-            getattr(self, name).setflags(write=False)
-
     @staticmethod
     def of_noise(
         sd: float,

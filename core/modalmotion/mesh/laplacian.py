@@ -79,9 +79,7 @@ def _symmetric(n: int, rows: Ints, columns: Ints, values: Floats) -> "scipy.spar
     off = scipy.sparse.csc_array((values, (rows, columns)), shape=(n, n))
     off = off + off.T
     diagonal = -np.asarray(off.sum(axis=0)).ravel()
-    return scipy.sparse.csc_array(
-        off + scipy.sparse.csc_array((diagonal, (np.arange(n), np.arange(n))), shape=(n, n)),
-    )
+    return scipy.sparse.csc_array(off + scipy.sparse.diags_array(diagonal))
 
 
 # Couplings below this share of the diagonals join no group: with less, thin triangles slow it.
@@ -161,10 +159,10 @@ def _cycle_of(A: Any) -> Callable[[Floats], Floats]:
     levels: list[tuple[Any, Any, Any]] = []
     constant = np.ones(A.shape[0])
     while A.shape[0] > _COARSEST and len(levels) < _MOST_LEVELS:
-        groups = _groups(A)
-        if not 0 < groups.shape[1] < A.shape[0]:
+        T, coarser = _tentative(A, constant)
+        if not 0 < T.shape[1] < A.shape[0]:
             break
-        T, constant = _tentative(groups, constant)
+        constant = coarser
         inverse = scipy.sparse.diags_array(1.0 / A.diagonal())
         P = scipy.sparse.csr_matrix(T - (_OMEGA / _radius(A)) * (inverse @ (A @ T)))
         R = scipy.sparse.csr_matrix(P.T)
@@ -186,29 +184,26 @@ def _cycle_of(A: Any) -> Callable[[Floats], Floats]:
     return solve
 
 
-def _groups(A: Any) -> Any:
-    """Put strongly joined unknowns into groups, (unknowns, groups)."""
+def _tentative(A: Any, constant: Floats) -> tuple[Any, Floats]:
+    """Put strongly joined unknowns into groups, (unknowns, groups), each of unit length.
+
+    Each is constant on its unknowns; the second is the coarser constant.
+    """
     n, diagonal, entries = A.shape[0], A.diagonal(), A.tocoo()
     a, b = entries.row, entries.col
     is_strong = (entries.data**2 >= _STRONG**2 * diagonal[a] * diagonal[b]) & (a != b)
     near = scipy.sparse.csr_matrix((np.ones(is_strong.sum()), (a[is_strong], b[is_strong])), (n, n))
     group = np.empty(n, dtype=np.int32)
     n_groups = run("mm_group", n, near.indptr, near.indices, group)
-    return scipy.sparse.csr_matrix((np.ones(n), group, np.arange(n + 1)), (n, n_groups))
+    T = scipy.sparse.csr_matrix((constant.copy(), group, np.arange(n + 1)), (n, n_groups))
+    lengths = np.sqrt(np.asarray(T.multiply(T).sum(axis=0)).ravel())
+    T.data /= lengths[T.indices]
+    return T, lengths
 
 
 def _sweep(A: Any, x: Floats, right: Floats, *, backward: bool) -> None:
     """Solve each row for its own unknown, one after the other."""
     run("mm_sweep", len(x), A.indptr, A.indices, A.data, right, x, int(backward))
-
-
-def _tentative(groups: Any, constant: Floats) -> tuple[Any, Floats]:
-    """Interpolation that is constant on each group, of unit length; and the coarser constant."""
-    T = scipy.sparse.csr_matrix(groups, dtype=np.float64)
-    T.data = np.repeat(constant, np.diff(T.indptr))
-    lengths = np.sqrt(np.asarray(T.multiply(T).sum(axis=0)).ravel())
-    T.data /= lengths[T.indices]
-    return T, lengths
 
 
 def _radius(A: Any) -> float:

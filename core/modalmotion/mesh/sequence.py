@@ -79,11 +79,6 @@ class MeshSequence(FrozenArrays, Recorded):
     facts: Facts = NO_FACTS
     uncertainty: checks.Uncertainty | None = None
 
-    def __post_init__(self) -> None:
-        for array in (self.vertices, self.faces, self.times):
-            if array is not None:
-                array.setflags(write=False)
-
     @property
     def n_frames(self) -> int:
         """Number of frames."""
@@ -475,25 +470,21 @@ def standard_surface(lattice: Lattice) -> MeshSequence:
     topology = lattice.topology
     coordinates = topologies.lattice_coordinates(topology, lattice.shape)
     s, theta = coordinates[:, 0], 2.0 * np.pi * coordinates[:, -1]
-    if topology == topologies.OPEN_CURVE:
-        x = _points(_AXIS * (s - 0.5), 0.0 * s, 0.0 * s)
-    elif topology == topologies.CLOSED_CURVE:
-        x = _points(np.cos(theta), np.sin(theta), 0.0 * s)
-    elif topology == topologies.PLANE:
-        x = _points(theta - np.pi, _AXIS * (s - 0.5), 0.0 * s)
-    elif topology == topologies.CYLINDER:
-        x = _points(np.cos(theta), np.sin(theta), _AXIS * (s - 0.5))
-    elif topology == topologies.TORUS:
-        tube = 2.0 * np.pi * s
-        r = 1.0 + _TUBE * np.cos(tube)
-        x = _points(r * np.cos(theta), r * np.sin(theta), _TUBE * np.sin(tube))
-    elif topology == topologies.CUP:
-        nu = 0.5 * np.pi * s
-        r = np.sin(nu)
-        x = _points(r * np.cos(theta), r * np.sin(theta), -2.0 * np.cos(nu))
-    elif topology == topologies.SPHERE:
-        r = np.sin(np.pi * s)
-        x = _points(r * np.cos(theta), r * np.sin(theta), -np.cos(np.pi * s))
+    # Distance from the axis and height along it, of surfaces of revolution.
+    profiles = {
+        topologies.CLOSED_CURVE: (1.0, 0.0 * s),
+        topologies.CYLINDER: (1.0, _AXIS * (s - 0.5)),
+        topologies.TORUS: (1.0 + _TUBE * np.cos(2.0 * np.pi * s), _TUBE * np.sin(2.0 * np.pi * s)),
+        topologies.CUP: (np.sin(0.5 * np.pi * s), -2.0 * np.cos(0.5 * np.pi * s)),
+        topologies.SPHERE: (np.sin(np.pi * s), -np.cos(np.pi * s)),
+    }
+    if topology in profiles:
+        r, z = profiles[topology]
+        x = np.stack([r * np.cos(theta), r * np.sin(theta), z], axis=1)
+    elif topology in (topologies.OPEN_CURVE, topologies.PLANE):
+        across = theta - np.pi if topology == topologies.PLANE else _AXIS * (s - 0.5)
+        along = _AXIS * (s - 0.5) if topology == topologies.PLANE else 0.0 * s
+        x = np.stack([across, along, 0.0 * s], axis=1)
     else:
         raise TopologyError(
             f"A lattice {topology} is not a surface.",
@@ -501,7 +492,3 @@ def standard_surface(lattice: Lattice) -> MeshSequence:
         )
     faces = lattice_faces(topology, lattice.shape) if topology.n_axes == 2 else None
     return mesh_sequence(x[None], faces, grid=lattice.shape, topology=topology)
-
-
-def _points(*columns: Floats) -> Floats:
-    return np.stack(columns, axis=1)

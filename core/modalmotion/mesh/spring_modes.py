@@ -44,10 +44,6 @@ class SpringModes(FrozenArrays):
     connectivity_id: str
     shapes: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def __post_init__(self) -> None:
-        for array in (self.eigenvalues, self.shapes):
-            array.setflags(write=False)
-
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SpringModes):
             return NotImplemented
@@ -322,11 +318,9 @@ def lowest_eigenpairs(
 
 def _solve(matrix: "scipy.sparse.csc_array", count: int, scale: float) -> tuple[Floats, Floats]:
     n = matrix.shape[0]
-    if n <= _DENSE or count > n // 3:
-        values, vectors = scipy.linalg.eigh(matrix.toarray())
-        return values[:count], vectors[:, :count]
+    is_dense = n <= _DENSE or count > n // 3
     shift = -1e-4 * scale * 600 / n
-    for attempt in range(3):
+    for attempt in range(0 if is_dense else 3):
         # More room on each attempt: a larger subspace meets more copies.
         room = min(n, (attempt + 2) * count + 20)
         try:
@@ -347,7 +341,7 @@ def _solve(matrix: "scipy.sparse.csc_array", count: int, scale: float) -> tuple[
         if _n_below(matrix, between) == last:
             return values, vectors
         count = min(n - 1, count + _GUARD)
-    if n > _LARGEST_DENSE:
+    if n > _LARGEST_DENSE and not is_dense:
         raise ModeCountError(
             f"The lowest {count} spring modes of {n} vertices could not all be solved for: too "
             "many frequencies coincide.",
@@ -368,9 +362,7 @@ def _too_many_equal() -> LimitError:
 
 
 def _n_below(matrix: "scipy.sparse.csc_array", value: float) -> int:
-    shifted = scipy.sparse.csc_array(
-        matrix - value * scipy.sparse.diags_array(np.ones(matrix.shape[0]), format="csc")
-    )
+    shifted = scipy.sparse.csc_array(matrix - value * scipy.sparse.eye_array(matrix.shape[0]))
     factors = scipy.sparse.linalg.splu(
         shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )

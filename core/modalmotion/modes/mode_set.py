@@ -48,10 +48,6 @@ class ModeSet(FrozenArrays):
     wavenumbers: Ints
     is_sine: Bools
 
-    def __post_init__(self) -> None:
-        self.wavenumbers.setflags(write=False)
-        self.is_sine.setflags(write=False)
-
     def __len__(self) -> int:
         return len(self.is_sine)
 

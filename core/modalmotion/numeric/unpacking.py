@@ -91,29 +91,26 @@ def filled(pieces: Iterable[bytes], n_bytes: int, n_packed: int) -> Bytes:
     return plain
 
 
-def _pieces(data: bytes, packing: Packing, start: int) -> Iterator[bytes]:
+def _pieces(data: bytes, packing: Packing, at: int) -> Iterator[bytes]:
+    window, n_packed = _WINDOWS[packing], len(data) - at
+    unpack, waiting = zlib.decompressobj(window), b""
     try:
-        yield from _inflated(data, _WINDOWS[packing], start)
+        while waiting or at < len(data):
+            if not waiting:
+                waiting, at = data[at : at + _FED], at + _FED
+            yield unpack.decompress(waiting, PIECE)
+            waiting = unpack.unconsumed_tail
+            if unpack.eof:
+                waiting = unpack.unused_data
+                if packing != "gzip" or (waiting + data[at : at + 2])[:2] != _GZIP:
+                    return
+                unpack = zlib.decompressobj(window)
+        # A stream without an end: what it gave so far counts, as for the tools that write such.
+        yield unpack.flush()
     except zlib.error:
         raise MalformedFileError(
-            f"The {len(data) - start} packed bytes are damaged.", remedy="Write the file again."
+            f"The {n_packed} packed bytes are damaged.", remedy="Write the file again."
         ) from None
-
-
-def _inflated(data: bytes, window: int, at: int) -> Iterator[bytes]:
-    unpack, waiting = zlib.decompressobj(window), b""
-    while waiting or at < len(data):
-        if not waiting:
-            waiting, at = data[at : at + _FED], at + _FED
-        yield unpack.decompress(waiting, PIECE)
-        waiting = unpack.unconsumed_tail
-        if unpack.eof:
-            waiting = unpack.unused_data
-            if window != _WINDOWS["gzip"] or (waiting + data[at : at + 2])[:2] != _GZIP:
-                return
-            unpack = zlib.decompressobj(window)
-    # A stream without an end: what it gave so far counts, as for the tools that write such.
-    yield unpack.flush()
 
 
 def _other_size(held: str, n_bytes: int, n_packed: int) -> MalformedFileError:

@@ -88,12 +88,6 @@ class Template(FrozenArrays):
     notes: tuple[Note, ...]
     placement: Placement | None = None
 
-    def __post_init__(self) -> None:
-        for name in (
-            *("coordinates", "weights", "vertices", "faces", "representatives", "isolated"),
-        ):
-            getattr(self, name).setflags(write=False)
-
     @property
     def topology(self) -> topologies.Topology:
         """Topology whose modes are known in closed form.

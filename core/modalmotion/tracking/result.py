@@ -35,13 +35,6 @@ STRAY: Final = 0.1
 """Weight below which a point hardly counted."""
 
 
-def _freeze(value: object) -> None:
-    """Make the arrays of a value read-only."""
-    for array in vars(value).values():
-        if isinstance(array, np.ndarray):
-            array.setflags(write=False)
-
-
 @shown("n_points")
 @dataclass(frozen=True, eq=False)
 class SampledData(FrozenArrays):
@@ -62,9 +55,6 @@ class SampledData(FrozenArrays):
     weights: Floats
     are_landmarks: Bools
     counts: Ints
-
-    def __post_init__(self) -> None:
-        _freeze(self)
 
     @property
     def n_points(self) -> int:
@@ -222,9 +212,6 @@ class Track(FrozenArrays, Recorded):
     images: ImageAnswer | None = None
     volume_correlation: float = 0.0
     data: SampledData | None = None
-
-    def __post_init__(self) -> None:
-        _freeze(self)
 
     @property
     def n_frames(self) -> int:

@@ -22,6 +22,7 @@ from modalmotion.cli import main
 from modalmotion.formats import (
     DEFAULT_LIMITS,
     ParserHere,
+    ReadLimits,
     ReadOptions,
     write_glb,
     write_npz,
@@ -343,6 +344,29 @@ def test_what_is_no_number_in_a_matlab_file_is_refused(
         # In a process of its own any error would become one of ours.
         mm.read_sequence(tmp_path / "beat.mat", parser=ParserHere(DEFAULT_LIMITS))
     assert caught.value.remedy
+
+
+def test_a_matlab_file_beyond_a_limit_names_the_limit(tmp_path: Path) -> None:
+    savemat = pytest.importorskip("scipy.io").savemat
+    savemat(tmp_path / "beat.mat", {"V": X.transpose(1, 2, 0), "F": FACES + 1.0})
+    parser = ParserHere(ReadLimits(decompressed_bytes=100))
+    with pytest.raises(mm.LimitError) as caught:
+        mm.read_sequence(tmp_path / "beat.mat", parser=parser)
+    assert caught.value.limit == "decompressed_bytes"
+
+
+@pytest.mark.parametrize("stated", ["time soon", "grid 8 x 12"])
+def test_frames_that_state_numbers_in_words_are_refused(stated: str) -> None:
+    name, _, words = stated.partition(" ")
+    with pytest.raises(mm.MalformedFileError, match="in words"):
+        mm.read_sequence(write_ply(X[0], FACES, {name: words}))
+
+
+def test_a_frame_of_xdmf_that_differs_is_named(tmp_path: Path) -> None:
+    three, four = (INLINE.format(x, 0, "0 1 2") for x in ("0 0 0 1 0 0 0 1 0", "0 " * 12))
+    (tmp_path / "beat.xdmf").write_text(three.replace("</Xdmf>", four.removeprefix("<Xdmf>")))
+    with pytest.raises(mm.ShapeError, match="Frame 1: It has 4 vertices"):
+        mm.read_sequence(tmp_path / "beat.xdmf")
 
 
 INLINE: Final = (
