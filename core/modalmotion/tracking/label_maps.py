@@ -274,8 +274,8 @@ _TOO_MANY: Final = 0.003
 _OFF_PATH: Final = (0.5, 0.1)
 _OF_ADDED: Final = 15.0
 
-# Steps of the grid of levels: mm, of the heights of the highest slices, and of a slice. The last two
-# count where a map is much larger than a heart.
+# Steps of the grid of levels: mm, share of the heights of the highest slices, and of a slice. The
+# last two count where a map is much larger than a heart.
 _GRID: Final = (0.5, 1 / 400, 1 / 40)
 
 # Way to the tip over that of a paraboloid.
