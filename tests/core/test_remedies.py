@@ -204,17 +204,17 @@ TRIED = (
         (lambda text: fitted(FINS, modes=int(number_in(text, "1 to"))),),
     ),
     Try(
-        "Ask for at most …, or leave the path over time as it is.",
+        "Ask for at most …, or do not limit the harmonics.",
         lambda: fitted(harmonics=40),
         (lambda text: fitted(harmonics=int(number_in(text, "at most"))), lambda _: fitted()),
     ),
     Try(
-        "Say which ends are joined: topology = cup, cylinder",
+        "Set which ends are joined: topology = cup, cylinder",
         lambda: modal_signature(mesh_sequence(LATTICE, grid=(6, 10))),
         (lambda _: [on_lattice(t) for t in ("cup", "cylinder", "plane", "torus", "sphere")],),
     ),
     Try(
-        "Send triangles, or the lattice as grid and topology, or say that the points are an open",
+        "Send triangles, or the lattice as grid and topology, or set the topology to open curve",
         lambda: modal_signature(mesh_sequence(LINE)),
         (
             lambda _: fitted(),
@@ -301,7 +301,7 @@ TRIED = (
         (lambda _: compare(fitted(modes=4), fitted(modes=4)),),
     ),
     Try(
-        "State the unit of both.",
+        "Set the unit of both.",
         lambda: compare(fitted(), without_unit()),
         (lambda _: compare(fitted(), fitted()),),
     ),
@@ -383,7 +383,7 @@ TRIED = (
         ),
     ),
     Try(
-        "Ask by modes or tolerance, or for the kind material",
+        "Use modes or tolerance, or kind=material",
         lambda: fitted(kind=SignatureKind.NORMAL_DISPLACEMENT, auto=True),
         (
             lambda _: fitted(kind=SignatureKind.NORMAL_DISPLACEMENT, modes=7),
@@ -392,7 +392,7 @@ TRIED = (
         ),
     ),
     Try(
-        "Leave the components out, or ask for the kind material",
+        "Omit components, or use kind=material",
         lambda: fitted(kind=SignatureKind.NORMAL_DISPLACEMENT, components=Components.CYLINDRICAL),
         (
             lambda _: fitted(kind=SignatureKind.NORMAL_DISPLACEMENT),
@@ -445,14 +445,14 @@ def test_what_notes_advise_helps() -> None:
     turned = Facts(landmarks={"theta_zero": 40})
     assert "zero of theta" not in notes_of(round_ball.with_facts(turned))
     flat = mesh_sequence(moving("plane")[0] * [1, 1, 0], moving("plane")[1], unit="mm")
-    assert "state cup otherwise" in notes_of(flat)
+    assert "otherwise set topology=cup" in notes_of(flat)
     advice = notes_of(flat, topology="cup")
     assert "state the landmarks apex and base (--landmark apex=PLACE)" in advice
     z = np.array([0.0, 0.0, 10.0])
     placed = Facts(landmarks={"apex": tuple(-z), "base": tuple(z)})
     assert "direction of the axis" not in notes_of(flat.with_facts(placed), topology="cup")
     sheet = mesh_sequence(*moving("plane"), unit="mm")
-    assert "state plane" in notes_of(sheet)
+    assert "set topology=plane" in notes_of(sheet)
     assert fitted(sheet, topology="plane").surface == "plane"
     wrong = surface(facts=Facts(landmarks={"apex": int(lowest_and_highest()[1])}))
     advice = notes_of(wrong)
@@ -480,7 +480,7 @@ def test_advice_reads_the_same_on_the_command_line(tmp_path: Path) -> None:
 
     assert "--landmark apex=PLACE" in run("signature", str(path), "--landmark", f"apex={high}")
     assert "fold" not in run("signature", str(path), "--landmark", f"apex={low}")
-    assert "spread out" in run("signature", str(collapsed))
+    assert "with an area" in run("signature", str(collapsed))
 
 
 def test_every_option_command_and_setting_that_is_named_exists() -> None:
@@ -515,13 +515,13 @@ def test_every_option_command_and_setting_that_is_named_exists() -> None:
 # They name an option and cannot be followed here: why, or where they are.
 ELSEWHERE = {
     "State the landmark theta_zero": "classification/answer: of a cup whose zero is weak",
-    "To continue without such files use --skip-unreadable": "tests/core/cli/test_model_commands.py",
+    "To continue without such files, use --skip-unreadable": "tests/core/cli/test_model_commands.py",
     "Write --landmarks apex=1,2,3": "tests/core/cli/test_track_commands.py",
     "Start more services with --stateless": "tests/service/routes/test_stateless.py",
     "Check the folder that is named as": "tests/service/workspace/test_read_only.py",
     "a service that was started without --stateless": "tests/service/routes/test_stateless.py",
     "Leave --label out": "tests/core/cli/test_track_commands.py",
-    "Name one of these by --label": "tests/core/tracking/test_label_values.py",
+    "Name one of these with --label": "tests/core/tracking/test_label_values.py",
     "Name the cavity (--label VALUE)": "tests/core/tracking/test_label_values.py",
     "Label more slices": "tests/core/tracking/test_label_slices.py",
     "Name a .png, or track images with --picture data": "tests/core/cli/test_track_commands.py",

@@ -221,9 +221,9 @@ def parse_reference(text: str) -> ModelReference:
     match = _REFERENCE.fullmatch(text)
     if match is None:
         raise NotFoundError(
-            f"{text[:80]!r} names no model.",
-            remedy="Write its name, such as wall-motion, for the newest version, or its name "
-            "and a version, such as wall-motion@3.",
+            f"{text[:80]!r} is not the name of a model.",
+            remedy="Use its name, such as wall-motion, for the newest version, or its name and a "
+            "version, such as wall-motion@3.",
         )
     return ModelReference(match[1], None if match[2] is None else int(match[2]))
 
@@ -275,7 +275,9 @@ def _evaluation(card: ModelCard) -> list[str]:
     if card.accuracy is None:
         return ["There was no cross-validation: its accuracy is unknown."]
     apart = (
-        "No subject was on both sides" if card.is_grouped else "Cases were kept apart, subjects not"
+        "No subject was on both sides"
+        if card.is_grouped
+        else "Cases were kept apart, but subjects were not"
     )
     every = (
         ("Accuracy", card.accuracy, card.accuracy_interval),
@@ -310,7 +312,10 @@ def _evaluation(card: ModelCard) -> list[str]:
 
 def _sets(card: ModelCard) -> str:
     if not card.class_coverage:
-        return f"Sets of classes are made at a coverage of {card.coverage:g}; none was measured."
+        return (
+            f"Class sets have a nominal coverage of {card.coverage:g}; the actual coverage was "
+            "not measured."
+        )
     rows = [(label, f"{share:.3f}") for label, share in card.class_coverage.items()]
     size = "" if card.mean_set_size is None else f" Their mean size is {card.mean_set_size:.2f}."
     return (

@@ -217,8 +217,8 @@ class Alike(NamedTuple):
         odd = [
             LeftOut(
                 case.name or f"case {number}",
-                f"Its {len(case.signature.modes)} modes of a {case.signature.surface} do not "
-                "compare with those of most.",
+                f"Its {len(case.signature.modes)} modes of a {case.signature.surface} are not "
+                f"comparable with those of most cases.",
             )
             for case, number, basis in rows
             if basis != most
@@ -287,7 +287,7 @@ def alike(
         names = ", ".join(case.name for case in odd[:_MOST_NAMED])
         names += ", and others" if len(odd) > _MOST_NAMED else ""
         raise errors.UnlikeCasesError(
-            f"The recordings do not compare: {len(odd)} have other modes than most ({names}). "
+            f"The recordings are not comparable: {len(odd)} have other modes than most ({names}). "
             f"{odd[0].reason}",
             remedy="Leave them out (--skip-unreadable, on_error = 'leave out'), state one topology "
             "for all, such as topology = sphere (--topology sphere), or give the sequences "
@@ -349,7 +349,7 @@ def _read_piece(
 def _require_usable(signature: ModalSignature, called: str) -> None:
     s, fault, remedy = signature, "", "Leave it out."
     if s.n_frames < 2:
-        fault = "has one frame, which shows no motion"
+        fault = "has only one frame, which shows no motion"
     elif s.parameters.components != body_frame.Components.CARTESIAN:
         fault, remedy = "has no Cartesian amplitudes", "Fit it with components = cartesian."
     elif not s.modes.length_of(s.lengths, s.angular_frequencies, 1.0) > 0.0:
@@ -432,7 +432,8 @@ def _values_of(column: str, cases: Sequence[TrainingCase]) -> Iterator[str]:
     known = sorted({name for case in cases for name in case.covariates})
     if column.casefold() not in map(str.casefold, known):
         raise errors.ParameterError(
-            f"The option 'groups' names the covariate {column[:80]!r}, which no case has.",
+            f"The option 'groups' names the covariate {column[:80]!r}, which none of the cases "
+            f"has.",
             remedy="Use a column of the manifest or a covariate of the cases: "
             f"{', '.join(known) or 'there is none'}.",
             details={"option": "groups", "covariates": known},

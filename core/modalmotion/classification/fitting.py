@@ -238,7 +238,10 @@ def _drawn(
         folds, consequence = [], "There was no cross-validation, so class sets contain every class."
     else:
         folds = list(StratifiedKFold(min(options.folds, cases), **shuffled).split(y, y))
-        consequence = f"Cross-validation split recordings of one {what}, and is too optimistic."
+        consequence = (
+            f"Cross-validation split recordings of the same {what}, so its figures are "
+            "too optimistic."
+        )
     note = Note.of("class_of_one", label=alone, what=what, consequence=consequence)
     return folds, False, [note]
 
@@ -260,9 +263,9 @@ def _better_folds(folds: list[Fold], cohort: Cohort, options: TrainingOptions) -
     if _least_classes(folds, cohort.y) < 2:
         by = "subjects" if options.groups is None else f"the values of {options.groups!r}"
         raise ParameterError(
-            f"The classes are confounded with {by}: with some held out, only one class remains.",
-            remedy="Leave the option 'groups' out and read the confounds of the card, group by "
-            "another column, or give folds that leave cases of two classes (cv).",
+            f"The classes are confounded with {by}: if some are held out, only one class remains.",
+            remedy="Omit the option 'groups' and read the confounds on the card, group by another "
+            "column, or give folds with training cases of two classes (cv).",
             details={"option": "groups"},
         )
     return folds
@@ -278,13 +281,13 @@ def _own_folds(cv: Folds, cohort: Cohort) -> Splits:
     if numbers.shape != (n,):
         raise ParameterError(
             f"'cv' has the shape {numbers.shape}, for {counted(n, 'case')}.",
-            remedy="Give for each case the number of the fold in which it is predicted.",
+            remedy="Give the number of the fold in which each case is predicted.",
         )
     own = numbers[cohort.numbers]
     folds = [(np.flatnonzero(own != k), np.flatnonzero(own == k)) for k in np.unique(own)]
     if len(folds) < 2 or _least_classes(folds, cohort.y) < 2:
         raise ParameterError(
-            "'cv' leaves fewer than two classes to fit to in one fold.",
+            "In one fold of 'cv' fewer than two classes remain for training.",
             remedy="Spread the cases of each class over the folds.",
         )
     notes, groups = [Note.of("own_folds")], cohort.groups

@@ -79,8 +79,8 @@ def labelled_files(
         labels = sorted({file.label for file in files if file.path == path})
         as_two = f", with the labels {' and '.join(map(repr, labels[:3]))}" if labels[1:] else ""
         raise ParameterError(
-            f"'{path}' is named {n} times{as_two}.",
-            remedy="Name each file once: repeated, it would be on both sides of a split.",
+            f"'{path}' is listed {n} times{as_two}.",
+            remedy="List each file once: otherwise it could be on both sides of a split.",
         )
     return files
 
@@ -288,9 +288,9 @@ def _labelled(manifest: Path, row: Row, skip_unreadable: bool) -> LabelledFile:
     path = Path(row.path.partition("?")[0]) if is_url else manifest.parent / row.path
     if not (path.exists() or skip_unreadable):
         raise MalformedFileError(
-            f"Line {row.line} of '{manifest.name}' names '{row.path}', and there is no such file.",
+            f"Line {row.line} of '{manifest.name}' names '{row.path}', but there is no such file.",
             remedy="Paths are relative to the folder of the manifest. To continue without such "
-            "files use --skip-unreadable.",
+            "files, use --skip-unreadable.",
             details={"line": row.line},
         )
     url = row.path if is_url else None

@@ -87,8 +87,8 @@ class Readable:
             if is_free or name == surface or surface == MESH:
                 return None
             raise TopologyError(
-                f"The sequence states the topology {name}, and the model reads a {surface}.",
-                remedy="State the topology if it is wrong, or train a model of this one.",
+                f"The sequence has the topology {name}, but the model reads a {surface}.",
+                remedy="Set the topology if it is wrong, or train a model for this one.",
             )
         return replace(self.parameters, topology=self.topology) if is_free else None
 

@@ -187,8 +187,8 @@ def model_from_hdf5(source: bytes | Path) -> Model:
         model = _model(kept, contents)
     if model.id != kept.record.id:
         raise errors.CorruptFileError(
-            f"{contents.name} contains another model than {kept.record.reference}, as it "
-            f"says: its sha256 is {model.id[:12]}…, not {kept.record.id[:12]}….",
+            f"{contents.name} does not contain the model {kept.record.reference}: its sha256 is "
+            f"{model.id[:12]}…, not {kept.record.id[:12]}….",
             remedy="Restore it from a copy, or delete this version and train it again.",
         )
     return model
@@ -255,7 +255,7 @@ def _held_out(classes: tuple[str, ...], arrays: Arrays) -> performance.CrossVali
         return None
     y, ids = arrays["held_out_classes"].astype(np.int64), arrays["held_out_ids"]
     if not len(y) or y.min() < 0 or y.max() >= len(classes):
-        raise ValueError("a held-out case is of no class of the model")
+        raise ValueError("a held-out case has a class that the model does not know")
     return performance.CrossValidation(
         classes=classes,
         sequence_ids=tuple(row.tobytes().hex() for row in ids),

@@ -134,7 +134,7 @@ class TrainingOptions:
         for name in values:
             if name not in known:
                 raise ParameterError(
-                    f"There is no training option {str(name)[:80]!r}.",
+                    f"Unknown training option {str(name)[:80]!r}.",
                     remedy=f"Use: {', '.join(known)}.",
                 )
         return TrainingOptions(**values)

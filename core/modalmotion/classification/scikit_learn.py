@@ -186,8 +186,8 @@ class SignatureFeatures(TransformerMixin, BaseEstimator):  # type: ignore[misc]
         if kind not in kinds:
             needed = "cycles about an axis" if kind == AXIS else "transients whose theta is known"
             raise ParameterError(
-                f"The features {kind!r} cannot be read: they are of {needed}.",
-                remedy="Use kind='modes', or state the timing, the topology or theta_zero.",
+                f"The features {kind!r} cannot be computed: they are defined for {needed}.",
+                remedy="Use kind='modes', or set the timing, the topology or theta_zero.",
                 details={"option": "kind"},
             )
         return Extractor(kind, is_cycle, n, walls)

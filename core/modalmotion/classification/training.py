@@ -309,8 +309,8 @@ def _card(
             + f"; {cohort.readable.topology}, {cohort.readable.n_modes} modes."
         ),
         has_not_seen=(
-            "Any other class, subject, device or way to segment: the figures are valid for "
-            "recordings like these only."
+            "Any other class, subject, device or segmentation method: the figures are valid for "
+            "similar recordings only."
         ),
         is_grouped=splits.is_grouped,
         notes=_notes_on_few(n_cases),

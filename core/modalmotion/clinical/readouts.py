@@ -171,8 +171,8 @@ def clinical_readouts(
     if signature.n_frames != sequence.n_frames:
         raise errors.ParameterError(
             f"The signature has {signature.n_frames} frames, its sequence {sequence.n_frames}: "
-            "there is no measurement between frames for a bound.",
-            remedy="Give the signature of the sequence's own frames.",
+            "so bounds cannot be measured between frames.",
+            remedy="Give the signature at the frames of the sequence.",
         )
     cavity = _cavity(used)
     start = alignment.reference_positions(sequence, signature.parameters.reference)
@@ -193,7 +193,7 @@ def clinical_readouts(
     largest = own[np.abs(own).argmax()]
     if not abs(largest) > _NOTHING:
         raise errors.TopologyError(
-            "The surface encloses no volume: it is flat, or its sides cancel.",
+            "The surface encloses no volume: it is flat, or the volumes of its parts cancel.",
             remedy="Send the closed or cup-shaped wall of a cavity.",
         )
     sign = np.sign(largest)
@@ -265,8 +265,8 @@ def _size(offsets: Floats) -> float:
         )
     if not _SMALLEST < size < _LARGEST:
         raise errors.ParameterError(
-            f"The surface is {size:.1g} in size; its volume overflows or vanishes in double "
-            "precision.",
+            f"The surface is {size:.1g} in size; its volume overflows or underflows in double "
+            f"precision.",
             remedy="Use a larger or smaller unit, with numbers near 1.",
         )
     return power_of_two(size)
@@ -301,7 +301,7 @@ def _of_share(own: Floats, volumes: Floats, name: Fraction) -> tuple[Note, ...]:
     if len(own) == 1:
         return (Note.of("nothing_ejected"),)
     for curve, what, remedy in (
-        (own, "the surface", "Send the frames without it."),
+        (own, "the surface", "Send the sequence without this frame."),
         (volumes, "the surface superposed from the modes", "Ask for more modes."),
     ):
         inverted = np.flatnonzero(curve <= 0)

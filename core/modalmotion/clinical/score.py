@@ -76,8 +76,8 @@ def score(truth: MeshSequence, answer: MeshSequence, deviations: Floats | None =
     """
     if truth.n_frames != answer.n_frames:
         raise errors.ShapeError(
-            f"The truth has {truth.n_frames} frames and the answer {answer.n_frames}.",
-            remedy="Give both at the same instants: see `modalmotion.resample`.",
+            f"The true motion has {truth.n_frames} frames, the answer {answer.n_frames}.",
+            remedy="Give both at the same times: see `modalmotion.resample`.",
         )
     if deviations is not None and deviations.shape != answer.vertices.shape[:2]:
         raise errors.ShapeError(
@@ -89,7 +89,7 @@ def score(truth: MeshSequence, answer: MeshSequence, deviations: Floats | None =
         frame, vertex = bad[0]
         raise errors.NonFiniteError(
             f"The deviation of vertex {vertex} in frame {frame} is {deviations[frame, vertex]}.",
-            remedy="State standard deviations in mm, or 0 where none is known.",
+            remedy="Give standard deviations in mm, or 0 if unknown.",
         )
     x, y = (MM_PER_UNIT[s.unit or "mm"] * s.vertices.astype(np.float64) for s in (truth, answer))
     places = np.array([(s, 2 * np.pi * k / WALLS) for s in LEVELS for k in range(WALLS)])

@@ -151,9 +151,9 @@ def require_ventricle(template: Template, surface: str) -> Landmarks:
     """
     if template.surface != CUP or template.landmarks is None:
         raise errors.TopologyError(
-            "Segments are those of a ventricle, a cup from apex to base; this surface is of the "
-            f"kind {surface}.",
-            remedy="Send the wall of a ventricle, open at its base, or state topology cup.",
+            "Segments are defined for a ventricle, a cup from apex to base; this surface is a "
+            f"{surface}.",
+            remedy="Send the wall of a ventricle, open at its base, or set topology=cup.",
         )
     return template.landmarks
 
@@ -186,14 +186,15 @@ def at_places(
     point = facts.landmarks.get(ANTERIOR)
     if point is None:
         reason = (
-            "The anterior wall is not stated, so these are rings. State the landmark "
+            "The anterior wall is unknown, so the segments are rings. Give the landmark "
             f"'{ANTERIOR}', a vertex or a point in the middle of that wall."
         )
         return RINGS, ring, reason
     if facts.handedness == UNKNOWN and facts.coordinates == UNKNOWN:
         reason = (
             "Whether the coordinates are right-handed is unknown, so septal and lateral walls may "
-            "be exchanged and these are rings. State handedness, or coordinates LPS or RAS."
+            "be interchanged, and the segments are rings. Set the handedness, or coordinates to "
+            "LPS or RAS."
         )
         return RINGS, ring, reason
     anterior = template.vertices[point] if isinstance(point, int) else np.array(point, dtype=float)

@@ -254,7 +254,7 @@ def smooth_walls(template: Template, *, is_lattice: bool) -> tuple[SmoothWall, S
     if template.surface not in (CUP, CYLINDER, SPHERE):
         raise TopologyError(
             "Strain needs a wall with coordinates along and around it: a cup, a tube or a sphere.",
-            remedy="State the topology cup if the surface is a ventricle's wall, open at its base.",
+            remedy="Set topology=cup if the surface is a ventricle's wall, open at its base.",
         )
     n = int((template.weights > 0).sum())
     needed = [_VERTICES_EACH * _n_functions(*size, template.surface) for size in _SIZES]
@@ -269,8 +269,8 @@ def smooth_walls(template: Template, *, is_lattice: bool) -> tuple[SmoothWall, S
     fine = next((wall for wall in fitted if wall.condition <= _CONDITION), None)
     if fine is None:
         raise ParameterError(
-            "The vertices have a gap in which the wall is undetermined.",
-            remedy="Send a more even mesh.",
+            "The vertices leave a gap in which the wall is undetermined.",
+            remedy="Send a more uniform mesh.",
         )
     return fine, next(fitted, fine)
 

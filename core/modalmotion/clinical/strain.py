@@ -44,15 +44,13 @@ LEVELS: Final = ("apical", "mid", "basal")
 """Thirds of the wall's length, from the apex."""
 
 DEFINITIONS: Final = {
-    "GLS": "length of the wall from base to base through the apex, mean of lines around",
-    "GCS": "circumference at basal, mid and apical level, mean of the three",
+    "GLS": "length of the wall from base to base through the apex, mean over lines around the axis",
+    "GCS": "mean circumference at basal, mid and apical level",
     "GAS": "area of the wall",
 }
 """Quantity of which each global strain is the relative change since end diastole."""
 
-DYSSYNCHRONY: Final = (
-    "standard deviation of the times at which the volumes of 16 segments are least"
-)
+DYSSYNCHRONY: Final = "standard deviation of the times of minimum volume of 16 segments"
 """Definition of the dyssynchrony index, percent of the cycle."""
 
 _LEVEL_NAMES: Final = tuple(f"GCS {level}" for level in LEVELS)
@@ -212,7 +210,7 @@ def strain(
     elif isinstance(recording, making.ModalSignature):
         if sequence is None:
             raise errors.ParameterError(
-                "A signature alone has no shape that strain could be measured on.",
+                "A signature alone has no surface to measure strain on.",
                 remedy="Give its sequence as well: strain(signature, sequence).",
             )
         measured, used = sequence, reconstruction.fitted_on(recording, sequence, template)
@@ -432,7 +430,7 @@ def _segments(
     """Return the segment of each place."""
     wall, places = motion.wall, motion.places
     if wall.surface != CUP:
-        reason = "Segments are those of a cup, from apex to base."
+        reason = "Segments are defined for a cup, from apex to base."
         return RINGS, np.full(len(places.s), -1), reason
     reference = places.values @ (wall.projector @ template.vertices)
     return at_places(template, facts, np.repeat(places.ways, places.shape[1]), reference)
@@ -486,13 +484,14 @@ def torsion(
     """
     if sequence.facts.tracking != "material":
         raise errors.ParameterError(
-            "Torsion and shear need points that follow the tissue; whether these do is not stated.",
-            remedy="State the fact tracking=material if they do (tagging, feature tracking).",
+            "Torsion and shear need points that follow the tissue; it is not stated whether these "
+            "do.",
+            remedy="Set the fact tracking=material if they do (tagging, feature tracking).",
         )
     if template.surface != CUP or template.landmarks is None:
         raise errors.TopologyError(
-            "Torsion is about the axis of a ventricle, from apex to base.",
-            remedy="State the topology cup if the surface is a ventricle's wall.",
+            "Torsion is defined about the axis of a ventricle, from apex to base.",
+            remedy="Set topology=cup if the surface is a ventricle's wall.",
         )
     positions = sequence.vertices.astype(np.float64)
     positions -= positions[0].mean(axis=0)

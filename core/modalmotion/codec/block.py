@@ -162,7 +162,7 @@ def _orthonormal(shape: Floats) -> Floats:
 
 CHECKSUM_BYTES: Final = 4
 MOST_QUANTA: Final = 2**51
-_NONSENSE: Final = "The header of a block makes no sense."
+_NONSENSE: Final = "The header of a block is invalid."
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +288,7 @@ def read_block(
     block = replace(block, basis=basis, coefficients=coefficients, parts=parts, maps=maps)
     scaled = block.scaled(modes)
     if not (np.abs(scaled) < MOST_QUANTA).all():
-        raise damaged("Decoded positions are beyond what the stream's quantum can count.")
+        raise damaged("Decoded positions exceed the range of the stream's quantisation step.")
     whole = guards.round(scaled)
     if block.width:
         whole += block.width * code_corrections(reader, whole.shape, None)
@@ -394,7 +394,7 @@ def restore_positions(
         inflate = lzma.LZMADecompressor(lzma.FORMAT_ALONE, memlimit=2**28)
         plain = inflate.decompress(data[CHECKSUM_BYTES:], n_bytes + 1)
     except (lzma.LZMAError, EOFError) as error:
-        raise damaged("A stored block does not unpack.") from error
+        raise damaged("A stored block cannot be unpacked.") from error
     if len(plain) != n_bytes:
         raise damaged(f"A stored block contains {len(plain)} bytes, not {n_bytes}.")
     planes = np.frombuffer(plain, np.uint8).reshape(dtype.itemsize, -1)

@@ -31,7 +31,7 @@ _MESSAGES: Final = {
     2: "A block contains fewer bits than its values need.",
     3: "A face of the stream names a vertex that does not exist.",
     4: "The stream numbers a vertex that does not exist.",
-    5: "A number in the faces does not end.",
+    5: "A number in the faces is not terminated.",
     6: "A matrix or a mesh is larger than can be coded.",
 }
 """What a damaged stream is refused with, by the status of a function."""
@@ -41,7 +41,7 @@ _LONGEST: Final = 9
 
 def damaged(message: str) -> MalformedFileError:
     """Make the error for bytes that no encoder writes."""
-    return MalformedFileError(message, remedy="The stream is cut or damaged: send it again.")
+    return MalformedFileError(message, remedy="The stream is truncated or damaged: send it again.")
 
 
 @contextmanager
@@ -231,7 +231,7 @@ def read_varint(data: bytes, position: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << (7 * count)
         if byte < 0x80:
             return value, position
-    raise damaged("A number in the stream does not end.")
+    raise damaged("A number in the stream is not terminated.")
 
 
 def read_varints(data: bytes, position: int, count: int) -> tuple[list[int], int]:

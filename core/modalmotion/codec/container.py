@@ -25,7 +25,7 @@ LARGEST_BLOCK: Final = 2**26
 MAGIC: Final = b"MMSQ"
 VERSION: Final = 1
 
-_NONSENSE: Final = "The header of the stream makes no sense."
+_NONSENSE: Final = "The header of the stream is invalid."
 _UNITS: Final = (None, *MM_PER_UNIT)
 _DTYPES: Final = (np.dtype(np.float32), np.dtype(np.float64))
 
@@ -103,7 +103,7 @@ def read_header(data: bytes, limits: ReadLimits) -> tuple[Header, int]:
         raise MalformedFileError(
             f"These {len(data)} bytes are not an encoded sequence: they begin with {data[:4]!r}, "
             f"not {MAGIC!r}.",
-            remedy="Send a stream that `modalmotion encode` wrote.",
+            remedy="Send a stream written by `modalmotion encode`.",
         )
     version = data[4] if len(data) > 4 else None
     if version != VERSION:
@@ -127,7 +127,7 @@ def read_section(data: bytes, position: int) -> tuple[bytes, int]:
     _, position = read_varint(data, position)
     section = data[position:end]
     if zlib.crc32(section) != struct.unpack_from("<I", data, end)[0]:
-        raise damaged(f"A checksum is wrong: the bytes from {position} to {end} are damaged.")
+        raise damaged(f"Checksum mismatch: the bytes from {position} to {end} are damaged.")
     return section, end + 4
 
 
@@ -189,7 +189,7 @@ def _parse_header(section: bytes, limits: ReadLimits) -> Header:
     if longest > 1 and longest * n_vertices * 3 > 2 * LARGEST_BLOCK:
         raise LimitError(
             f"A block of {longest} frames of {n_vertices} vertices takes too much memory.",
-            remedy="No encoder of this project writes such a stream: refuse its sender.",
+            remedy="No encoder of this project writes such a stream: do not trust its sender.",
             limit="block",
         )
     if (
@@ -236,7 +236,7 @@ def _read_times(section: bytes, position: int, n_frames: int) -> tuple[Floats | 
         start, step = struct.unpack_from("<2d", section, position)
         return start + step * np.arange(n_frames), position + 16
     if kind != 2:
-        raise damaged("The times of the stream make no sense.")
+        raise damaged("The times of the stream are invalid.")
     times = np.frombuffer(section, "<f8", n_frames, position).astype(np.float64)
     return times, position + 8 * n_frames
 
@@ -255,7 +255,7 @@ MOST_RELATIONS: Final = 6
 LARGEST_RELATED: Final = 10_000
 """Vertices of the largest mesh whose numbering uses relations: smaller, but slower."""
 
-_NO_FACES: Final = "The faces of the stream make no sense."
+_NO_FACES: Final = "The faces of the stream are invalid."
 _WALK: Final = 0
 _CELLS: Final = 1
 _PATTERN_BITS: Final = 13

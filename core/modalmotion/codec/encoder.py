@@ -182,7 +182,7 @@ def _require_fit(best: Encoded | None, smallest: int, n_bytes: int) -> Encoded:
     if best is None:
         raise ParameterError(
             f"No stream of {n_bytes} bytes contains this sequence; the smallest has {smallest}.",
-            remedy="Allow more bytes: connectivity and header alone take some.",
+            remedy="Allow more bytes: connectivity and header alone take up some of them.",
             details={"smallest": smallest},
         )
     return best

@@ -167,8 +167,9 @@ def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
     cut = Cut(min(patch, n_vertices), min(leaf, n_vertices), share)
     if cut.patch > LARGEST_PATCH or cut.work(n_vertices) > MOST_WORK:
         raise LimitError(
-            f"Patches of {cut.patch} vertices of a mesh of {n_vertices} take too long to solve.",
-            remedy="No encoder of this project writes such a stream: refuse its sender.",
+            f"Patches of {cut.patch} vertices of a mesh of {n_vertices} would take too long to "
+            f"solve.",
+            remedy="No encoder of this project writes such a stream: do not trust its sender.",
             limit="spring_modes",
         )
     return PatchModes(joined_modes.edges_of(faces), n_vertices, cut)
@@ -317,7 +318,7 @@ def _quarter_periods(closed: bool, n: int) -> Ints:
 
 STORED: Final = b"\x00"
 
-_UNKNOWN: Final = "This decoder does not know the modes of the stream."
+_UNKNOWN: Final = "The stream uses a kind of modes that this decoder does not know."
 
 
 class OrthonormalModes(Protocol):

@@ -171,7 +171,7 @@ class ModelChoice:
                     numbers=numbers,
                     rms=self.errors[self.scene].rms,
                     unit=unit or "length units",
-                    modes=f" As modes it takes {size} amplitudes." if is_more else "",
+                    modes=f" As modes, that is {size} amplitudes." if is_more else "",
                 )
             )
         return notes
@@ -301,8 +301,8 @@ def _unreachable(
     allowed = error * MM_PER_UNIT[unit]
     reason = nested.ends_because or f"a signature has at most {MOST_MODES}"
     return ToleranceError(
-        f"No set of modes keeps {limit:.6g} {unit} ({kind}): the best, of {count} modes, leaves "
-        f"{error:.6g} {unit}; {reason}.",
+        f"No set of modes meets {limit:.6g} {unit} ({kind}): the best, with {count} modes, has an "
+        f"error of {error:.6g} {unit}; {reason}.",
         remedy=f"Allow a tolerance of {allowed * (1 + 1e-6):.7g} mm or more.",
         details={
             "limit_asked": limit,

@@ -101,8 +101,8 @@ def resample_to_phase(
     if not span > at[-1]:
         raise ParameterError(
             f"The period is {span}, but the frames span {at[-1]}.",
-            remedy="Give the time from the first frame to its first repetition, which is left "
-            "out of the sequence.",
+            remedy="Give the time from the first frame to its first repetition, which is not part "
+            "of the sequence.",
         )
     phases = at / span
     even_phases = np.arange(n_phases) / n_phases
@@ -150,7 +150,8 @@ def theta_invariants(
     has_sine = sines >= 0
     if int(has_sine.sum()) != int(modes.is_sine.sum()):
         raise ParameterError(
-            "A sine comes without its cosine.", remedy="Use modes in whole cosine-sine pairs."
+            "A sine mode is present without its cosine.",
+            remedy="Use modes in whole cosine-sine pairs.",
         )
     real = amplitudes[:, cosines]
     imaginary = np.where(has_sine[None, :, None], amplitudes[:, sines], 0.0)
@@ -238,9 +239,9 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
     if a.kind != b.kind:
         raise ParameterError(
             f"One signature is of the kind {a.kind}, the other of {b.kind}: displacements of "
-            "points and normal displacements of a surface do not compare.",
-            remedy="Fit both with kind=normal_displacement, which every surface has, or both with "
-            "kind=material, if the points of both follow the tissue.",
+            f"points and normal displacements of a surface are not comparable.",
+            remedy="Fit both with kind=normal_displacement, which works for every surface, or "
+            "both with kind=material if the points of both follow the tissue.",
             details={"kinds": [a.kind.value, b.kind.value]},
         )
     if a.modes != b.modes or a.parameters.components != b.parameters.components:
@@ -252,8 +253,8 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
         )
     if (a.unit is None) != (b.unit is None):
         raise ParameterError(
-            f"One length unit is {a.unit or b.unit}, the other is unknown.",
-            remedy="State the unit of both.",
+            f"One length unit is {a.unit or b.unit}; the other is unknown.",
+            remedy="Set the unit of both.",
         )
     scale = 1.0
     if a.unit is not None and b.unit is not None:

@@ -227,7 +227,7 @@ def resolve_template(
             raise errors.ParameterError(
                 f"The parameters name the template {str(parameters.template)[:12]}, but "
                 f"{'none' if template is None else template.id[:12]} came.",
-                remedy="Give the template that the parameters name.",
+                remedy="Give the template named in the parameters.",
             )
         require_same_mesh(template, sequence)
         return template

@@ -65,7 +65,7 @@ def nested_modes(template: Template, n_modes: int, grid: tuple[int, ...] | None)
     Q, R = orthonormal(root * shapes)
     sound = largest_sound(R, counts)
     if sound < n:
-        ends = f"{sound} modes are the most that its vertices distinguish"
+        ends = f"{sound} is the largest number of modes that its vertices distinguish"
     whole = Basis(modes, shapes, R, np.ascontiguousarray((root * Q).T), 1.0)
     return NestedModes(whole.first(sound), counts[counts <= sound], ends, notes)
 
@@ -77,12 +77,12 @@ def most_modes_of(
     n_weighted = int((template.weights > 0).sum())
     n_memory = max(_MOST_NUMBERS // template.n_vertices, 7)
     limits = [
-        (n_weighted, f"{n_weighted} vertices distinguish no more modes"),
+        (n_weighted, f"{n_weighted} vertices cannot distinguish more modes"),
         (n_memory, f"the shapes of more than {n_memory} modes exceed the memory set aside"),
         (MOST_MODES, f"a signature has at most {MOST_MODES} modes"),
     ]
     if template.surface is None:
-        limits.append((_MOST_SPRINGS, f"no more than {_MOST_SPRINGS} spring modes are solved for"))
+        limits.append((_MOST_SPRINGS, f"at most {_MOST_SPRINGS} spring modes are computed"))
     most, reason = min(limits, key=lambda limit: limit[0])
     if n_modes < most:
         most, reason = n_modes, ""
@@ -353,7 +353,7 @@ def required_harmonics(fitter: Fitter) -> Harmonics:
     if harmonics > available.most:
         raise ParameterError(
             f"{harmonics} harmonics cannot be distinguished in {fitter.sequence.n_frames} frames.",
-            remedy=f"Ask for at most {available.most}, or leave the path over time as it is.",
+            remedy=f"Ask for at most {available.most}, or do not limit the harmonics.",
             details={"harmonics": harmonics, "most": available.most},
         )
     return available

@@ -169,7 +169,7 @@ def _sides_of(template: Template) -> Ints:
     oriented = mesh.oriented_faces(faces, template.n_vertices)
     if oriented is None:
         raise errors.TopologyError(
-            "The surface has one side only, so its normals point nowhere outward.",
+            "The surface is one-sided, so it has no outward normals.",
             remedy="Ask for the kind material.",
         )
     return oriented

@@ -152,13 +152,15 @@ class SignatureParameters:
             return
         if self.components != body_frame.Components.CARTESIAN:
             raise errors.ParameterError(
-                f"A normal displacement has one number a mode, no {self.components} components.",
-                remedy="Leave the components out, or ask for the kind material.",
+                f"A normal displacement has one number per mode and no {self.components} "
+                f"components.",
+                remedy="Omit components, or use kind=material.",
             )
         if self.auto:
             raise errors.ParameterError(
-                "The noise of vertices, where auto stops, is not known of normal displacements.",
-                remedy="Ask by modes or tolerance, or for the kind material.",
+                "The noise of the vertices, which auto needs, is not known for normal "
+                "displacements.",
+                remedy="Use modes or tolerance, or kind=material.",
             )
 
     def _take_kinds(self) -> None:
@@ -237,7 +239,7 @@ class SignatureParameters:
 def _name(name: str, value: Any) -> str:
     if not isinstance(value, str | Topology):
         raise errors.ParameterError(
-            f"{name} is {repr(value)[:80]}, not the name of one.",
+            f"{name} is {repr(value)[:80]}, not a name.",
             remedy=f"Give its name or id as text: {name}='...'.",
         )
     return str(value)
@@ -248,7 +250,7 @@ _WAYS: Final = ("modes", "tolerance", "auto")
 
 def _several_requests(names: list[str]) -> errors.ParameterError:
     return errors.ParameterError(
-        f"The number of modes was requested in several ways: {', '.join(names)}.",
+        f"The number of modes was set in several ways: {', '.join(names)}.",
         remedy="Set one of modes, amplitudes, tolerance and auto.",
         details={"asked": names},
     )

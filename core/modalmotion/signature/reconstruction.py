@@ -87,8 +87,8 @@ def fitted_on(
     """
     if sequence.id != signature.sequence_id:
         raise ParameterError(
-            "The signature was made from another sequence.",
-            remedy="Give the sequence whose id the signature names.",
+            "The signature belongs to another sequence.",
+            remedy="Give the sequence with the id in the signature.",
         )
     resolved = making.resolve_sequence(sequence, signature.parameters)
     return making.resolve_template(resolved, signature.parameters, template)
@@ -208,11 +208,12 @@ def _phases(phases: Floats | list[float] | float | int) -> Floats:
     if at.ndim != 1 or not len(at) or not ((at >= 0.0) & (at <= 1.0)).all() or (at != at).any():
         raise ParameterError(
             f"The phases are {str(phases)[:40]}.",
-            remedy="Give shares of the cycle from 0 to 1, or a number of frames from 2 on.",
+            remedy="Give fractions of the cycle from 0 to 1, or a number of frames of at least 2.",
         )
     if (np.diff(at) <= 0).any():
         raise ParameterError(
-            "The phases do not rise from one to the next.", remedy="Give each once, in order."
+            "The phases are not strictly increasing.",
+            remedy="Give each phase once, in ascending order.",
         )
     return at
 

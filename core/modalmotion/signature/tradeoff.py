@@ -331,9 +331,9 @@ def measure_tradeoff(
     parameters = SignatureParameters() if parameters is None else parameters
     if parameters.kind == SignatureKind.NORMAL_DISPLACEMENT:
         raise errors.ParameterError(
-            "The trade is measured of displacements, and normal displacements were requested.",
-            remedy="Leave the kind out, or ask for the signature itself by tolerance: its errors "
-            "are of the normal displacements.",
+            "The trade-off is measured for displacements, but normal displacements were requested.",
+            remedy="Omit kind, or request the signature itself with a tolerance: its errors are "
+            "those of the normal displacements.",
         )
     most_modes = whole("most_modes", most_modes)
     limit = None if parameters.tolerance is None else limit_of(parameters, sequence)

@@ -27,7 +27,7 @@ from modalmotion.store.folders import FOLDERS, RENDERED, Folder
 from modalmotion.store.index import now
 from modalmotion.store.recovery import existing_store
 
-FORM: Final = JsonForm("backup", 1, "Make a backup to the same folder once more.")
+FORM: Final = JsonForm("backup", 1, "Repeat the backup to the same folder.")
 
 _NOTE: Final = "backup.json"
 _NOT_COPIED: Final = (("sequences", ".deleted"), ("signatures", RENDERED))
@@ -120,7 +120,7 @@ def backup(
     if there.exists() and not is_backup and any(_is_copied(path.name) for path in there.iterdir()):
         raise ParameterError(
             f"'{target.name}' contains other files, which a backup would remove.",
-            remedy="Name a new folder, or that of an earlier backup.",
+            remedy="Name a new folder or the folder of an earlier backup.",
         )
     with _writing_to(there):
         return _bring_up_to_date(here, there, accept_missing, progress)
@@ -198,7 +198,7 @@ def _apart(source: Path, target: Path) -> tuple[Path, Path]:
     here, there = source.resolve(), target.resolve()
     if here == there or here in there.parents or there in here.parents:
         raise ParameterError(
-            "A backup is neither in its store nor around it.", remedy="Name another folder."
+            "A backup cannot be inside its store, nor contain it.", remedy="Name another folder."
         )
     return here, there
 

@@ -82,7 +82,9 @@ TABLES: Final = (
 _READ_CACHE_KB = 8_000
 
 _REBUILD: Final = "Run `modalmotion store rebuild FOLDER`."
-_LOSE_JOBS: Final = ". Without it: remove index.sqlite, which loses jobs only, and open the store."
+_LOSE_JOBS: Final = (
+    ". If that is not possible, remove index.sqlite (only jobs are lost), and open the store."
+)
 
 
 class Database:
@@ -241,8 +243,8 @@ class Database:
             self._writer.execute(f"PRAGMA user_version = {version}")
         elif found != version:
             raise StoreError(
-                f"{called} has version {found} of its schema; this program knows {version}.",
-                remedy=f"Use the modalmotion that wrote it{remedy}",
+                f"{called} has schema version {found}; this program reads version {version}.",
+                remedy=f"Use the version of modalmotion that wrote it{remedy}",
                 details={"schema_version": found, "known": version},
             )
         self._writer.execute("COMMIT")
@@ -272,7 +274,7 @@ def explained(called: str, remedy: str) -> Iterator[None]:
     except sqlite3.OperationalError as error:
         raise StoreError(
             f"{called} could not be read or written ({error}); nothing was changed.",
-            remedy="Check that the disk is not full and may be written to, and try again.",
+            remedy="Check that the disk is writable and not full, and try again.",
         ) from error
     except sqlite3.DatabaseError as error:
         raise CorruptFileError(f"{called} is damaged ({error}).", remedy=remedy) from error

@@ -181,8 +181,7 @@ def finish_deletion(folder: folders.Folder, index: Index, sequence_id: str) -> N
         raise StoreError(
             f"The deletion of sequence {sequence_id[:12]} has begun, but could not be finished: "
             f"{error.message}",
-            remedy="Delete it again, or open the store again, when the cause is removed. "
-            f"{error.remedy}",
+            remedy=f"Remove the cause, then delete it again or reopen the store. {error.remedy}",
             details=error.details,
         ) from error
 
@@ -190,8 +189,7 @@ def finish_deletion(folder: folders.Folder, index: Index, sequence_id: str) -> N
 FORM: Final = disk.JsonForm(
     "deleted-model",
     1,
-    "Restore it from a copy. Keep the file in any case: it shows that the version's number is "
-    "taken.",
+    "Restore it from a copy. Keep the file in any case: it reserves the version number.",
 )
 
 
@@ -222,5 +220,5 @@ def deleted_record(path: Path, reference: ModelReference) -> ModelRecord:
     """
     record = model_from(FORM.read(path))
     if record.reference != reference:
-        raise FORM.damaged(path, "it is another version's")
+        raise FORM.damaged(path, "it belongs to another version")
     return record

@@ -23,8 +23,8 @@ _TEMPORARY: Final = re.compile(r"\.modalmotion-[0-9]+-[0-9a-f]{16}\.tmp")
 _REMEDIES: Final = {
     errno.ENOSPC: "Free space on the disk, or delete sequences, and try again.",
     errno.EDQUOT: "Free space within the quota and try again.",
-    errno.EACCES: "Give this user the right to write there.",
-    errno.ENOENT: "Make the folder first, or name another.",
+    errno.EACCES: "Give this user write permission there.",
+    errno.ENOENT: "Create the folder first, or name another.",
     errno.ENOTDIR: "Name a folder, not a file, to write in.",
     errno.EISDIR: "That is a folder; add the name of the file.",
     errno.EROFS: "Mount the file system for writing.",
@@ -234,7 +234,7 @@ class FolderLock:
         except OSError as error:
             raise StoreError(
                 f"The folder of the store cannot be opened: {error.strerror}.",
-                remedy="Give this user the right to write there.",
+                remedy="Give this user write permission there.",
             ) from error
         try:
             # flock rather than POSIX locks, which one process may take twice.
@@ -244,15 +244,16 @@ class FolderLock:
             os.close(descriptor)
             raise StoreError(
                 f"The store's folder is in use by process {holder or 'unknown'}.",
-                remedy="Stop that process, or use another folder: one process has a folder "
-                "to itself.",
+                remedy="Stop that process, or use another folder: only one process at a time can "
+                "use a folder.",
                 details={"pid": int(holder)} if holder.isdigit() else {},
             ) from None
         except OSError as error:
             os.close(descriptor)
             raise StoreError(
                 f"The store's folder cannot be locked: {error.strerror}.",
-                remedy="Put the store on a file system with locks, best a local one.",
+                remedy="Put the store on a file system that supports locks, preferably a local "
+                "one.",
             ) from error
         self._descriptor: int | None = descriptor
         os.ftruncate(descriptor, 0)
@@ -336,14 +337,14 @@ class JsonForm:
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise self.damaged(path, str(error)) from error
         if not is_whole:
-            raise self.damaged(path, "its fields do not have the sha256 that it states")
+            raise self.damaged(path, "its fields do not match its sha256")
         # Not called damaged from here on, for what is damaged may be written anew.
         own = f"modalmotion.{self.kind}"
         if (schema, version) != (own, self.version):
             raise StoreError(
-                f"'{path.name}' has the schema {str(schema)[:40]!r}, version {str(version)[:10]}, "
-                f"not {own!r}, version {self.version}.",
-                remedy="Read it with the modalmotion that wrote it.",
+                f"'{path.name}' has schema {str(schema)[:40]!r}, version {str(version)[:10]}, "
+                f"instead of {own!r}, version {self.version}.",
+                remedy="Read it with the version of modalmotion that wrote it.",
             )
         return record
 

@@ -179,7 +179,7 @@ class Folder:
         except OSError as error:
             raise errors.StoreError(
                 f"The folder of the store cannot be read: {error.strerror}.",
-                remedy="Check the disk, and that this user may read it.",
+                remedy="Check the disk and the read permission of this user.",
             ) from error
         return scan
 
@@ -243,7 +243,7 @@ def _files(folder: Path) -> Iterator[Path]:
 FORM: Final = JsonForm(
     "sequence-record",
     3,
-    "Run `modalmotion store rebuild`, which writes it anew from what else is known.",
+    "Run `modalmotion store rebuild`, which restores it from the other files.",
 )
 IMAGES_FORM: Final = JsonForm("images-record", 3, "Delete the images, and send them again.")
 

@@ -143,7 +143,7 @@ class ImageStore(sequences.SequenceStore):
         """
         if not is_id(record.id):
             raise StoreError(
-                f"Images cannot be kept as {record.id[:12]!r}: that is not a digest.",
+                f"Images cannot be kept as {record.id[:12]!r}: it is not a digest.",
                 remedy="Use the images' own id.",
             )
         with self._changing(record.id):
@@ -180,8 +180,8 @@ class ImageStore(sequences.SequenceStore):
             if is_id(images_id):
                 return read_images_record(self._folder.path("image_records", images_id))
         raise NotFoundError(
-            f"There are no images {str(images_id)[:12]!r}: they are deleted after tracking, where "
-            "nobody keeps them.",
+            f"There are no images {str(images_id)[:12]!r}: images are deleted after tracking "
+            f"unless they are kept.",
             remedy="Use the id returned when they were sent, or send them again.",
         )
 

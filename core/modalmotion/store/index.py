@@ -52,7 +52,7 @@ def from_cursor(cursor: str | None) -> tuple[str, str]:
     except (binascii.Error, ValueError):
         raise errors.ParameterError(
             f"{cursor[:40]!r} is not a cursor.",
-            remedy="Use the cursor of the page before, unchanged, or none for the first page.",
+            remedy="Use the unchanged cursor of the previous page, or none for the first page.",
         ) from None
     return created, row_id
 
@@ -68,7 +68,7 @@ def require_limit(limit: int) -> int:
     if not 1 <= limit <= LARGEST_PAGE:
         raise errors.ParameterError(
             f"A page of {limit} was requested; a page has 1 to {LARGEST_PAGE}.",
-            remedy=f"Ask for 1 to {LARGEST_PAGE}, and for further pages by cursor.",
+            remedy=f"Request 1 to {LARGEST_PAGE} entries, and further pages with the cursor.",
             details={"limit": limit, "largest": LARGEST_PAGE},
         )
     return limit

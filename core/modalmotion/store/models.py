@@ -207,7 +207,7 @@ class TemplateStore(sequences.SequenceStore):
         """
         if not folders.is_id(template_id):
             raise StoreError(
-                f"A template cannot be kept as {str(template_id)[:12]!r}: that is not a digest.",
+                f"A template cannot be kept as {str(template_id)[:12]!r}: it is not a digest.",
                 remedy="Use the template's own id.",
             )
         path = self._folder.path("templates", template_id)
@@ -298,7 +298,7 @@ class NormStore(Opening):
         if not card.is_model_name(name) or not self._folder.path("norms", name).is_file():
             raise NotFoundError(
                 f"There is no norm named {str(name)[:80]!r}.",
-                remedy="Use one that is listed, or make it of your controls.",
+                remedy="Use one that is listed, or make it from your controls.",
                 details={"norm": str(name)[:80]},
             )
         return self._folder.path("norms", name)

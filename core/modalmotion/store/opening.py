@@ -221,7 +221,7 @@ class Opening:
             way = "Send the sequence again, which stores them under the same id"
         what = what or f"The file of a {path.parents[1].name[:-1]} of sequence {sequence_id[:12]}"
         raise errors.LostFileError(
-            f"{what} is lost: it was stored and not deleted, and its file is missing.",
+            f"{what} is lost: it was not deleted, but its file is missing.",
             remedy=f"{way}; or restore it from a backup (`modalmotion store restore`).",
         )
 
@@ -399,8 +399,8 @@ class SequenceRecords(Opening):
                 completed = completed.over(offered)
             if differ:
                 raise errors.ParameterError(
-                    f"The sequence is known with another {' and another '.join(differ)}; nothing "
-                    "was changed.",
+                    f"The sequence is already stored with a different {' and '.join(differ)}; "
+                    f"nothing was changed.",
                     remedy="Change it with `update_sequence`.",
                     details={"differ": differ},
                 )

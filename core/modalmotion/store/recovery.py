@@ -21,7 +21,7 @@ from modalmotion.store.index import Index, put_models, put_records, put_results,
 from modalmotion.template.template import template_from_hdf5
 from modalmotion.tracking.hdf5 import track_from_hdf5
 
-_STRANGE_VERTICES: Final = "Its vertices are not those that its id represents."
+_STRANGE_VERTICES: Final = "Its vertices do not match its id."
 
 # Readers of whole files: each gives what the index has of one, if that has a row of it.
 
@@ -62,17 +62,17 @@ def _images_record(path: Path, images_id: str) -> None:
     if folders.IMAGES_FORM.read(path).get("id") != images_id:
         raise StoreError("It is the record of other images.")
     if not path.with_suffix(".h5").exists():
-        raise StoreError("The samples that it describes are missing.")
+        raise StoreError("Its samples are missing.")
 
 
 def _images(path: Path, images_id: str) -> None:
     if read_images_file(path).id != images_id:
-        raise StoreError("The samples are not those that their id represents.")
+        raise StoreError("The samples do not match their id.")
 
 
 def _norm(path: Path, name: str) -> None:
     if norm_from_hdf5(path).name != name:
-        raise StoreError("It is the norm of another name.")
+        raise StoreError("It is a norm with another name.")
 
 
 def _model(path: Path, reference: card.ModelReference) -> card.ModelRecord:
@@ -183,7 +183,7 @@ def verify(root: Path, *, progress: Reporter | None = None) -> VerifyReport:
     with disk.FolderLock(folder.lock), contextlib.ExitStack() as stack:
         scan = folder.scan()
         if not folder.index.is_file():
-            faults = [Fault(folder.index.name, "It is missing; `modalmotion store rebuild`.")]
+            faults = [Fault(folder.index.name, "It is missing; run `modalmotion store rebuild`.")]
         else:
             try:
                 index = Index(stack.enter_context(contextlib.closing(Database(folder.index))))
@@ -214,7 +214,7 @@ def verify(root: Path, *, progress: Reporter | None = None) -> VerifyReport:
     known_ids = scan["records"] | scan["deletions"]
     orphans = {name for name in scan["results"] if name.sequence_id not in known_ids}
     strays = [*scan["foreign"], *(folder.path("results", name) for name in orphans)]
-    lost = "It is missing, though the index knows it."
+    lost = "It is in the index, but its file is missing."
     return VerifyReport(
         n_sequences=len(scan["records"]),
         n_results=len(scan["results"]),
@@ -233,13 +233,13 @@ def _problem(
     if place == "uploads" and not (name in scan["records"] or name in scan["deletions"]):
         return "Its record is missing."
     if place == "records" and row.has_upload and name not in scan["uploads"]:
-        return "Its vertices are recorded as kept, but are missing."
+        return "Its vertices were kept according to its record, but are missing."
     is_listed = not (
         (place == "results" and name.sequence_id not in scan["records"])
         or (place == "models" and name in scan["deleted_models"])
     )
     if place in known and is_listed and known[place](name) != row:
-        return "The index does not know it, or knows it otherwise."
+        return "It is not in the index, or differs from its entry."
     return ""
 
 
@@ -256,7 +256,7 @@ def _index_faults(
     ]
     missing = [folder.short(p) for p in sorted(paths) if p.name[:64] not in scan["deletions"]]
     if index.count() != index.recount():
-        problems.append("It miscounts its rows; `modalmotion store rebuild`.")
+        problems.append("Its row counts are wrong; run `modalmotion store rebuild`.")
     return problems, missing
 
 
@@ -342,7 +342,7 @@ def existing_store(root: Path) -> folders.Folder:
     if not folder.exists:
         raise NotFoundError(
             f"'{root.name}' contains no store.",
-            remedy="Name the folder that has 'index.sqlite' and 'sequences' in it.",
+            remedy="Name the folder that contains 'index.sqlite' and 'sequences'.",
         )
     return folder
 

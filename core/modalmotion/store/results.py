@@ -345,7 +345,7 @@ class ResultStore(TemplateStore, ImageStore, TrackStore, ModelStore, NormStore):
         if not _is_name(name):
             raise errors.StoreError(
                 f"A {name.kind} with the key {str(name.key)[:16]!r} and the model id "
-                f"{str(name.model_id)[:12]!r} cannot be kept: these are not digests.",
+                f"{str(name.model_id)[:12]!r} cannot be stored: these are not digests.",
                 remedy="Use the key of the signature's parameters and the model's sha256.",
             )
         index, path = self._open_index(), self._folder.path("results", name)

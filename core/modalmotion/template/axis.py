@@ -63,7 +63,7 @@ def direction_between(surface: Surface, apex: Floats, base: Floats) -> Floats:
     size = float(np.linalg.norm(span))
     if not size > _SHORTEST * np.sqrt(surface.area):
         raise errors.ParameterError(
-            "The apex and the base are in the same place, so they give no axis.",
+            "The apex and the base coincide, so they define no axis.",
             remedy="Give two places at opposite ends of the surface.",
         )
     return np.asarray(span / size)
@@ -145,7 +145,7 @@ def towards(place: Floats, origin: Floats, axis: Floats, size: float) -> Floats:
     length = float(np.linalg.norm(across))
     if not length > 1e-6 * size:
         raise errors.ParameterError(
-            "The landmark 'theta_zero' is on the axis, where theta has no value.",
+            "The landmark 'theta_zero' is on the axis, where theta is undefined.",
             remedy="Give a place on the wall, away from apex and axis.",
         )
     return np.asarray(across / length)

@@ -190,7 +190,7 @@ def vertex_normals(template: Template) -> Floats:
     faces = mesh.oriented_faces(proper, n) if len(proper) else None
     if faces is None:
         raise errors.TopologyError(
-            "A surface with one side has no normals."
+            "A one-sided surface has no consistent normals."
             if len(template.faces)
             else "Vertices without triangles have no normals.",
             remedy="Move it along x, y or z.",

@@ -165,7 +165,7 @@ def make_template(
             wanted = _places_wanted(coordinates.topology)
             notes.append(Note.of("coordinates_fold", cover=cover, landmarks=wanted))
     if topology is not None and coordinates is None:
-        topology, reason = None, f"The surface is a {topology}, but around no straight axis."
+        topology, reason = None, f"The surface is a {topology}, but not around a straight axis."
     require_used(own_landmarks, topology, is_lattice=sequence.grid is not None)
     if reason and topology is None:
         notes.append(Note.of("spring_modes_used", reason=reason))
@@ -235,14 +235,14 @@ def _decide(
     if not closed_form:
         if not len(surface.faces):
             raise errors.TopologyError(
-                "Spring modes were requested, but nothing joins the vertices.",
+                "Spring modes were requested, but no edges join the vertices.",
                 remedy="Send triangles, or a lattice of two axes.",
             )
         return None, "Spring modes were requested."
     if sequence.grid is not None and stated is None:
         raise errors.TopologyError(
-            f"The lattice of {sequence.grid} nodes comes without a topology.",
-            remedy="Say which ends are joined: topology = cup, cylinder, plane, torus, "
+            f"The lattice of {sequence.grid} nodes has no topology.",
+            remedy="Set which ends are joined: topology = cup, cylinder, plane, torus, "
             "sphere, open curve or closed curve.",
         )
     if stated is not None:
@@ -251,9 +251,9 @@ def _decide(
         return stated, ""
     if not len(surface.faces):
         raise errors.TopologyError(
-            f"{sequence.n_vertices} points come without faces, grid or topology.",
-            remedy="Send triangles, or the lattice as grid and topology, or state that the "
-            "points are an open curve or a closed curve.",
+            f"{sequence.n_vertices} points were sent without faces, grid or topology.",
+            remedy="Send triangles, or the lattice as grid and topology, or set the topology to "
+            "open curve or closed curve.",
         )
     topology, reason = surfaces.recognise(surface)
     if topology is not None and reason:
@@ -281,10 +281,9 @@ def _require_left(faces: Ints) -> None:
     a, b, c = faces.T
     if ((a == b) | (b == c) | (c == a)).all():
         raise errors.TopologyError(
-            f"Each of the {len(faces)} triangles has two corners at the same place in every frame, "
-            "so there is no surface.",
-            remedy="Send a surface that is spread out: vertices that coincide in every frame are "
-            "merged.",
+            f"All {len(faces)} triangles have two corners at the same place in every "
+            f"frame, so there is no surface.",
+            remedy="Send a surface with an area: vertices that coincide in every frame are merged.",
         )
 
 
@@ -368,7 +367,7 @@ def _notes_on_landmarks(landmarks: Landmarks, topology: Topology) -> list[Note]:
     }
     weak = [name for name in meaning if name in landmarks.weak]
     has_pairs = "theta_zero" in weak and topology.closed_axes
-    pairs = " Cosine and sine of a pair can only be compared together."
+    pairs = " The cosine and the sine of a pair can only be compared together."
     return [
         Note.of(
             "landmark_undetermined",

@@ -188,7 +188,7 @@ def require_used(landmarks: GivenLandmarks, topology: Topology | None, *, is_lat
             raise errors.ParameterError(
                 f"The landmark '{name}' means nothing on a {surface}.",
                 remedy=(f"Give {', '.join(used)}." if used else "Leave the landmarks out.")
-                + " Where the sequence's facts state it, take it out of them.",
+                + " If it is among the facts of the sequence, remove it there.",
             )
 
 

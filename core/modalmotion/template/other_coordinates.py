@@ -102,9 +102,9 @@ def _rim_positions(surface: Surface, corners: Floats) -> list[Ints]:
         first = (-first) % len(rim)
     if not turned[0] < turned[1] < turned[2] < turned[3]:
         raise ParameterError(
-            "The four corners do not follow one another along the rim.",
-            remedy="Give the corners at (s, t) = (0, 0), (1, 0), (1, 1), (0, 1), in the order in "
-            "which they are on the rim.",
+            "The four corners are not in their order along the rim.",
+            remedy="Give the corners at (s, t) = (0, 0), (1, 0), (1, 1), (0, 1), in their order "
+            "along the rim.",
         )
     rim = np.roll(rim, -first)
     ends = [*turned, len(rim)]

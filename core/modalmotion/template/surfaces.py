@@ -330,12 +330,12 @@ def recognise(surface: Surface) -> tuple[Topology | None, str]:
         if is_flat(surface):
             return (
                 PLANE,
-                "The surface is nearly flat and was taken for a plane; state cup otherwise.",
+                "The surface is nearly flat and was taken for a plane; otherwise set topology=cup.",
             )
         if _is_shallow(surface):
             return CUP, (
-                "The surface is open wider than a hemisphere and was taken for a cup; state plane "
-                "if it is a sheet that encloses nothing."
+                "The surface opens wider than a hemisphere and was taken for a cup; set "
+                "topology=plane if it is a sheet that encloses nothing."
             )
         return CUP, ""
     towards = [opening.centre - surface.centroid for opening in openings]
@@ -357,8 +357,9 @@ def require_fit(surface: Surface, stated: Topology) -> None:
     """
     if not len(surface.faces):
         raise errors.TopologyError(
-            f"A {stated} was stated, but nothing joins the {len(surface.vertices)} vertices.",
-            remedy="Send triangles, or the shape of the lattice that the vertices form (grid).",
+            f"The topology was set to {stated}, but no edges join the {len(surface.vertices)} "
+            f"vertices.",
+            remedy="Send triangles, or the lattice shape of the vertices (grid).",
         )
     connectivity = surface.connectivity
     n = len(surface.openings)
@@ -373,7 +374,8 @@ def require_fit(surface: Surface, stated: Topology) -> None:
         return
     names = " or ".join(topology.name for topology in possible)
     raise errors.TopologyError(
-        f"A {stated} was stated, but the mesh has {connectivity.describe()}. {reason}".strip(),
+        f"The topology was set to {stated}, but the mesh has {connectivity.describe()}. "
+        f"{reason}".strip(),
         remedy=f"State {names}, or leave the topology out."
         if possible
         else "Leave the topology out: the mesh then gets the spring modes of its own connectivity.",
@@ -409,9 +411,9 @@ def _obstacle(surface: Surface) -> str:
         return f"The mesh falls into {connectivity.n_components} pieces."
     if len(connectivity.pinched):
         pinched = connectivity.pinched
-        return f"Boundaries touch in {len(pinched)} vertices, the first {pinched[0]}."
+        return f"Boundaries touch at {len(pinched)} vertices, first at {pinched[0]}."
     if connectivity.genus != int(connectivity.genus):
-        return "The surface has one side only."
+        return "The surface is one-sided."
     if not surface.area > 0:
         return "The surface has no area in the reference frame."
     return ""

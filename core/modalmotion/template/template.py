@@ -196,13 +196,14 @@ def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
         raise ParameterError(
             f"The template has {template.n_vertices} vertices, the sequence {sequence.n_vertices}.",
             remedy="Use a template whose vertices correspond one to one, or none: each sequence "
-            "then gets its own.",
+            "is then given its own.",
         )
     faces = template.representatives[sequence.faces]
     if len(faces) and not np.array_equal(faces, template.faces):
         raise ParameterError(
-            "The template joins its vertices by other triangles than the sequence.",
-            remedy="Use a template of the same connectivity, or none: each sequence then gets "
+            "The triangles of the template differ from those of the sequence.",
+            remedy="Use a template with the same connectivity, or none: each sequence is then "
+            "given "
             "its own.",
         )
 
@@ -222,7 +223,7 @@ def require_wave_speed(wave_speed: float) -> None:
     if not 0 < wave_speed <= FASTEST_WAVE:
         raise ParameterError(
             f"The wave speed is {wave_speed}.",
-            remedy=f"Use a speed above zero, at most {FASTEST_WAVE:g}.",
+            remedy=f"Use a positive speed of at most {FASTEST_WAVE:g}.",
         )
 
 
@@ -250,10 +251,10 @@ def frequencies_of(modes: Modes, template: Template, wave_speed: float = 1.0) ->
         frequencies = modes.frequencies_on(template, wave_speed)
     if not np.isfinite(frequencies).all():
         raise ParameterError(
-            f"Waves of {wave_speed:g} length units per s on a surface of the lengths "
-            f"{', '.join(f'{length:.3g}' for length in template.lengths)} have frequencies beyond "
-            "the largest number.",
-            remedy="State lengths in a smaller unit, or a smaller wave speed.",
+            f"Waves of {wave_speed:g} length units per s on a surface with lengths "
+            f"{', '.join(f'{length:.3g}' for length in template.lengths)} have frequencies that "
+            f"overflow.",
+            remedy="Use a smaller unit of length, or a smaller wave speed.",
         )
     return frequencies
 

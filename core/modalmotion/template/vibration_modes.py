@@ -109,8 +109,8 @@ def surface_modes_named(
     ranks = [label.wavenumbers[0] for label in labels if label.part == "spring"]
     if len(ranks) != len(labels) or max(ranks, default=0) >= template.n_vertices:
         raise errors.ParameterError(
-            "This surface has no natural coordinates; its modes are those of the springs of its "
-            f"mesh, 0 to {template.n_vertices - 1}.",
+            "This surface has no natural coordinates; its modes are the spring modes of its mesh, "
+            f"0 to {template.n_vertices - 1}.",
             remedy="Name a mode by its rank: 'spring 3'.",
         )
     springs = spring_modes(template.faces, template.n_vertices, max(ranks) + 1)
@@ -160,7 +160,7 @@ def _require_shown(template: Template, modes: ModeSet) -> None:
     if short.any():
         label = modes.labels[int(np.flatnonzero(short)[0])]
         raise errors.ParameterError(
-            f"The waves of {label} are shorter than two steps of this mesh, which cannot show "
-            "them.",
+            f"The waves of {label} are shorter than two edge lengths of this mesh, which cannot "
+            f"resolve them.",
             remedy="Use smaller wavenumbers, or a finer mesh.",
         )

@@ -162,7 +162,7 @@ def require_volume(cavity: mesh.Cavity | None, vertices: Floats) -> None:
         raise errors.ShapeError(
             f"In frame {frame} the surface collapses: it encloses "
             f"{volumes[frame] / largest:.2%} of its largest volume.",
-            remedy="Leave the frame out if its points are in one plane or on one side, or check "
+            remedy="Omit the frame if its points lie in one plane or on one side, or check "
             "the topology and the unit of each frame.",
             frame=frame,
             details={"share": float(volumes[frame]) / largest},
@@ -191,10 +191,11 @@ def require_unfolded(surface: Deformable, vertices: Floats) -> None:
         folded = float(areas[turned & ~at_rest].sum() / (areas.sum() or 1.0))
         if not folded <= _MOST_FOLDED:
             raise errors.ShapeError(
-                f"In frame {frame} the surface folds over itself on {folded:.0%} of its area: the "
+                f"In frame {frame} the surface folds over itself over {folded:.0%} of its area: "
+                f"the "
                 "data do not fit a surface of this topology from this start.",
                 remedy="Check the landmarks and the topology, ask for fewer modes, or give a "
-                "surface near the data as start.",
+                "starting surface close to the data.",
                 frame=frame,
                 details={"folded": folded},
             )
@@ -373,8 +374,8 @@ def place_on(surface: Deformable, place: observation.Place) -> tuple[Ints, Float
         shares = np.full(len(vertices), 1.0 / max(1, len(vertices)))
     if not len(vertices) or not 0 <= vertices.min() <= vertices.max() < template.n_vertices:
         raise errors.ParameterError(
-            f"The landmark {place!r:.60} is no place of the surface, which is a "
-            f"{template.topology} of {template.n_vertices} vertices.",
+            f"The landmark {place!r:.60} is not a place on the surface, which is a "
+            f"{template.topology} with {template.n_vertices} vertices.",
             remedy="Name apex or base where the surface has such an end, or vertices of the start.",
         )
     return vertices, shares

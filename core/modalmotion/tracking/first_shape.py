@@ -66,15 +66,15 @@ def start_shape(
     if topology not in STARTS:
         raise errors.ParameterError(
             f"A {topology} cannot be started from landmarks.",
-            remedy="Give a surface as start, or one of the topologies "
+            remedy="Give a starting surface, or use one of the topologies "
             f"{', '.join(t.name for t in STARTS)}.",
         )
     if topology in (CUP, CYLINDER) and not {"apex", "base"} <= set(landmarks):
         raise errors.ParameterError(
             f"A {topology} starts from the landmarks apex and base; "
             f"{', '.join(landmarks) or 'none'} came for the reference frame.",
-            remedy="State apex=x,y,z and base=x,y,z (the middle of the opening), or give a "
-            "surface as start.",
+            remedy="Give apex=x,y,z and base=x,y,z (the middle of the opening), or a starting "
+            "surface.",
             details={"needed": ["apex", "base"]},
         )
     shape = _SURFACE if topology.n_axes == 2 else _CURVE
@@ -86,8 +86,8 @@ def start_shape(
         length = float(np.linalg.norm(base - apex))
         if not length > 0:
             raise errors.ParameterError(
-                "The landmarks apex and base are the same place.",
-                remedy="State two ends of the surface.",
+                "The landmarks apex and base coincide.",
+                remedy="Give the two ends of the surface.",
             )
         axis = (base - apex) / length
         r = points - apex
@@ -232,17 +232,17 @@ def _require_extent(cloud: Floats, number: int, topology: Topology) -> None:
     if len(cloud) < _FEWEST:
         reason, remedy = f"has {len(cloud)} points", "with more points"
     elif not size > _LEAST_SPREAD:
-        reason, remedy = "has its points in one place", "whose points are on the surface"
+        reason, remedy = "has all its points in one place", "whose points are on the surface"
     elif is_surface and spreads[1] < _THIN * spreads[0]:
-        reason = "has its points on a line"
-        remedy = "whose points are on the surface, state the topology open curve"
+        reason = "has all its points on a line"
+        remedy = "whose points are on the surface, set topology=open curve"
     elif topology == SPHERE and spreads[2] < _SHEET * spreads[0]:
-        reason = "has its points in a plane, where no closed surface is"
-        remedy = "whose points are on the surface, state the topology plane or closed curve"
+        reason = "has all its points in a plane, so it shows no closed surface"
+        remedy = "whose points are on the surface, set the topology to plane or closed curve"
     else:
         return
     raise errors.ShapeError(
-        f"Frame {number}, which the shape is taken from, {reason}.",
-        remedy=f"Name a reference frame {remedy}, or give a surface as start.",
+        f"Frame {number}, from which the shape is taken, {reason}.",
+        remedy=f"Name a reference frame {remedy}, or give a starting surface.",
         frame=number,
     )

@@ -285,7 +285,7 @@ def reference_shape(
     if found < LEAST_FOUND:
         raise errors.ShapeError(
             f"No object is seen in frame {number}: on {found:.0%} of the profiles across the "
-            "surface there is an edge, and noise alone shows one on a tenth.",
+            f"surface there is an edge; noise alone gives one on a tenth.",
             remedy="Check apex and base, and that the images show an inside and an outside.",
             frame=number,
             details={"found": found},
@@ -414,8 +414,8 @@ def frames_of_images(
     image = images.frames[reference]
     if image is None:
         raise errors.ShapeError(
-            f"Frame {reference}, which the shape is taken from, is missing.",
-            remedy="Name a reference frame that is there.",
+            f"Frame {reference}, from which the shape is taken, is missing.",
+            remedy="Name a reference frame that exists.",
             frame=reference,
         )
     if not {"apex", "base"} <= set(places):
@@ -423,7 +423,7 @@ def frames_of_images(
             "Images show edges, but not which of them bound the surface: the landmarks apex and "
             f"base are missing in the reference frame {reference}.",
             remedy="Give apex=x,y,z and base=x,y,z (the middle of the opening) in LPS mm, or a "
-            "file of them, as the page of the service and 3D Slicer write it (.mrk.json).",
+            "file of them, as written by the service's page and by 3D Slicer (.mrk.json).",
             frame=reference,
             details={"needed": ["apex", "base"]},
         )

@@ -541,9 +541,9 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> tuple[L
     length = float(np.linalg.norm(base - apex))
     if length < _SHORTEST:
         raise errors.ShapeError(
-            f"Apex and base are {length:.3g} mm apart in frame {frame}; walls of some mm are "
-            f"looked for, in objects of {_SHORTEST:g} mm and more.",
-            remedy="State apex and base in LPS mm; of a smaller object enlarge the spacing, and "
+            f"Apex and base are {length:.3g} mm apart in frame {frame}; tracking looks for walls "
+            f"a few mm thick, in objects of {_SHORTEST:g} mm or more.",
+            remedy="Give apex and base in LPS mm; for a smaller object, enlarge the spacing and "
             "scale the result back.",
             frame=frame,
             details={"length": length, "least": _SHORTEST},
@@ -553,9 +553,10 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> tuple[L
     there = np.isfinite(profiles).mean(axis=1) > 0.6
     if there.sum() < _N_TURNS:
         raise errors.ShapeError(
-            f"The object is outside the images of frame {frame}: of {len(there)} rays from its "
-            f"axis {int(there.sum())} are in the field of view.",
-            remedy="State apex and base in LPS mm of these images (RAS has other signs of x, y).",
+            f"The object is outside the images of frame {frame}: {int(there.sum())} of "
+            f"{len(there)} rays from its axis are in the field of view.",
+            remedy="Give apex and base in the LPS coordinates of these images, in mm (in RAS, x "
+            "and y have the opposite sign).",
             frame=frame,
         )
     v, starts, directions = profiles[there], starts[there], directions[there]
@@ -581,9 +582,9 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> tuple[L
     noise = _PER_MEDIAN * float(np.median(np.abs(np.diff(v, axis=1)))) / np.sqrt(2.0)
     if agrees.mean() < _LEAST_AGREED:
         raise errors.ShapeError(
-            f"No object is seen about the axis in frame {frame}: of the rays outward only "
-            f"{agrees.mean():.0%} meet an edge of one kind.",
-            remedy="Check apex and base, and that the images show them.",
+            f"No object is seen about the axis in frame {frame}: only {agrees.mean():.0%} of the "
+            f"outward rays meet an edge of the same kind.",
+            remedy="Check apex and base, and that both are in the images.",
             frame=frame,
             details={"agreed": float(agrees.mean())},
         )

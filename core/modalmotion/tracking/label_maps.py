@@ -143,7 +143,7 @@ def _shown(k: int, frame: Image | None, labels: Sequence[int]) -> Volume | None:
     if isinstance(frame, PlaneSet):
         raise ShapeError(
             f"Frame {k} is a set of planes; the ends of a cavity are only found in volumes.",
-            remedy="State apex and base, and track the planes as images.",
+            remedy="Give apex and base, and track the planes as images.",
             frame=k,
         )
     if frame is None:
@@ -152,7 +152,7 @@ def _shown(k: int, frame: Image | None, labels: Sequence[int]) -> Volume | None:
     if cavity.sum() < _FEWEST:
         raise ParameterError(
             f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
-            remedy=f"Name one of these by --label: {label_values.values_in(frame)}.",
+            remedy=f"Name one of these with --label: {label_values.values_in(frame)}.",
             frame=k,
         )
     return Volume(np.where(cavity, np.float32(_INSIDE), np.float32(0.0)), frame.affine)
@@ -440,9 +440,9 @@ def _stack(
     heights, areas, middles = heights[own], areas[own], middles[own]
     if len(heights) < _FEWEST_SLICES:
         raise ShapeError(
-            f"The cavity is labelled in {len(heights)} slices of frame {number}; its ends are seen "
-            f"in {_FEWEST_SLICES} and more.",
-            remedy="Label more slices, or state apex and base by --landmarks.",
+            f"The cavity is labelled in {len(heights)} slices of frame {number}; finding its ends "
+            f"needs at least {_FEWEST_SLICES}.",
+            remedy="Label more slices, or give apex and base with --landmarks.",
             frame=number,
         )
     return _Stack(heights, areas, middles)

@@ -19,7 +19,9 @@ from modalmotion.representation import Floats, Ints
 NO_MAP: Final = "none"
 """Label of images that are no label map, though they have few whole numbers."""
 
-_REMEDY: Final = "Name the cavity (--label VALUE), or say that it is no label map (--label none)."
+_REMEDY: Final = (
+    "Name the cavity (--label VALUE), or declare that this is not a label map (--label none)."
+)
 
 # Of a map of labels: most values, range of these, and least share of neighbours that are alike.
 _MOST_VALUES: Final = 150
@@ -92,7 +94,7 @@ def whole_labels(labels: Sequence[str | int]) -> list[int]:
             values.append(int(label))
         except ValueError:
             raise errors.ParameterError(
-                f"The label {label!r:.40} is no whole number, as those of a label map are.",
+                f"The label {label!r:.40} is not a whole number, as the labels of a label map are.",
                 remedy=_REMEDY,
             ) from None
     return values
@@ -118,7 +120,7 @@ def cavity_in(images: ImageSequence) -> tuple[int, notes.Note]:
     ml = _ml(volumes[0], values)
     named = listed(values, ml)
     if len(values) > _MOST_OF_HEART:
-        raise _undecided(f"there are {len(values)}, more than a heart has", named)
+        raise _undecided(f"there are {len(values)}, more than in a heart", named)
     if len(values) == 1:
         return _of_one(volumes[0], int(values[0]), named)
     borders = np.sum([_borders(v, values) for v in volumes], axis=0)
@@ -193,8 +195,7 @@ def _of_one(volume: Volume, value: int, named: str) -> tuple[int, notes.Note]:
     filled = sum(int(scipy.ndimage.binary_fill_holes(section).sum()) for section in own)
     if filled - own.sum() > _HOLE * filled:
         raise errors.ParameterError(
-            f"The map has one label ({named}), which is a ring: a wall without a label of its "
-            "cavity.",
+            f"The map has one label ({named}), which is a ring: a wall whose cavity has no label.",
             remedy="Give the cavity a label of its own.",
             details={"labels": [value]},
         )

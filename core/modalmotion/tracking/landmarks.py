@@ -112,8 +112,9 @@ def landmarks_of(facts: Facts) -> dict[str, Floats]:
     for name, place in facts.landmarks.items():
         if not (isinstance(place, tuple) and all(isinstance(part, float) for part in place)):
             raise ParameterError(
-                f"The landmark '{name}' is not a point; a recording to be tracked has no vertices.",
-                remedy="State it as x,y,z in the unit of the points.",
+                f"The landmark '{name}' is not a point; a recording to be tracked has no fixed "
+                f"vertices.",
+                remedy="Give it as x,y,z in the unit of the points.",
                 details={"landmark": name},
             )
     return {name: np.array(place) for name, place in facts.landmarks.items()}
@@ -176,7 +177,7 @@ class LandmarkFile:
         if None not in (unit, self.unit) and unit != self.unit:
             raise ParameterError(
                 f"The landmarks are in {self.unit}, the points in {unit}.",
-                remedy="State both in one unit.",
+                remedy="Give both in the same unit.",
             )
         if self.coordinates in (None, LPS if coordinates in (None, UNKNOWN) else coordinates):
             return self.places
@@ -257,7 +258,7 @@ def _system(stated: Any) -> str | None:
     if word not in WORDS["coordinates"]:
         raise ParameterError(
             f"The landmarks are in the coordinate system {str(stated)[:40]!r}.",
-            remedy="State LPS or RAS, or none.",
+            remedy="Use LPS or RAS, or omit it.",
         )
     return word
 
@@ -267,7 +268,7 @@ def _unit(stated: Any) -> str | None:
 
 
 def _malformed(reason: str) -> MalformedFileError:
-    return MalformedFileError(f"It is not a file of landmarks ({reason}).", remedy=_FILE_REMEDY)
+    return MalformedFileError(f"It is not a landmark file ({reason}).", remedy=_FILE_REMEDY)
 
 
 def with_landmarks(
@@ -290,7 +291,7 @@ def with_landmarks(
         if name not in NAMED_PLACES:
             raise ParameterError(
                 f"The landmark '{name}' has no meaning.",
-                remedy="State apex and base; other places as Observation(points, places=...).",
+                remedy="Give apex and base; other places as Observation(points, places=...).",
                 details={"landmark": name},
             )
         if places.shape == (3,):
@@ -322,9 +323,9 @@ def _require_near(name: str, frame: int, place: Floats, points: Floats) -> None:
     spread = float(np.linalg.norm(high - low))
     if outside > spread > 0:
         raise ParameterError(
-            f"The landmark '{name}' in frame {frame} is {outside:.3g} from the points, which "
-            f"spread over {spread:.3g}.",
-            remedy="State it in the unit and the coordinate system of the points (LPS and RAS "
+            f"The landmark '{name}' in frame {frame} is {outside:.3g} from the points, whose "
+            f"extent is {spread:.3g}.",
+            remedy="Give it in the unit and the coordinate system of the points (LPS and RAS "
             "differ in the signs of x and y).",
             frame=frame,
             details={"landmark": name, "distance": outside, "spread": spread},

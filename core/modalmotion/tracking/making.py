@@ -193,8 +193,8 @@ def _surface_of(seen: _Seen, ended: tuple[Frame, ...]) -> tuple[Deformable, Firs
     surface = Deformable.of(template, seen.parameters.modes).exact_for_affine()
     if not (np.isfinite(surface.size) and min(template.lengths) > 0):
         raise errors.ShapeError(
-            "The start has no extent along one of its axes, so it has no modes that differ.",
-            remedy="Give a surface as start that is spread out, or other landmarks.",
+            "The start has no extent along one of its axes, so its modes cannot be distinguished.",
+            remedy="Give a starting surface with extent along all axes, or other landmarks.",
         )
     return surface, shape
 
@@ -346,7 +346,7 @@ def _phases(times: Floats | None, n: int, period: float | None, *, is_closed: bo
             raise errors.ParameterError(
                 f"The times span {span:g} s, the whole period of {whole_time:g} s: the last "
                 "frame repeats the first.",
-                remedy="Omit the last frame, give a longer period, or track with time open.",
+                remedy="Omit the last frame, give a longer period, or track with time=open.",
                 frame=n - 1,
             )
     return np.asarray((times - times[0]) / whole_time, dtype=np.float64)
@@ -358,8 +358,8 @@ def _template_of(start: Start) -> Template:
     if template.surface is None:
         raise errors.TopologyError(
             f"No natural coordinates are known for the start. {template.reason}",
-            remedy="Give one open or closed surface as start, a lattice with grid and topology, or "
-            "landmarks apex and base in place of a start.",
+            remedy="Give one open or closed surface as start, a lattice with grid and topology, "
+            "or the landmarks apex and base instead of a start.",
         )
     return template
 
@@ -370,7 +370,7 @@ def _require_motion(n_frames: int, unseen: tuple[int, ...], known: int | None) -
     if n_frames > 1 and len(places) < 2:
         raise errors.ShapeError(
             f"Only frame {min(places)} of {n_frames} was observed, which shows no motion.",
-            remedy="Send points of another frame too, or this frame alone.",
+            remedy="Send points of at least one more frame, or this frame alone.",
             frame=min(places),
         )
 
@@ -384,6 +384,6 @@ def _require_reference(reference: int | None, n_frames: int) -> int:
         raise errors.ParameterError(
             f"The reference is frame {reference!r:.40}, but there are {n_frames} frames (0 to "
             f"{n_frames - 1}).",
-            remedy="Name a frame, counted from 0, or None where the start belongs to none.",
+            remedy="Name a frame, counted from 0, or None if the start belongs to no frame.",
         )
     return int(reference)

@@ -28,9 +28,9 @@ _GOLDEN: Final = 0.6180339887498949
 
 # Arrays beside the points, and what they have to be.
 _FINITE: Final = {
-    "sd": "lengths above zero",
+    "sd": "positive lengths",
     "weights": "numbers from 0 on",
-    "normals": "vectors other than zero",
+    "normals": "nonzero vectors",
 }
 
 
@@ -261,14 +261,14 @@ def _rows(points: Any, what: str = "points of an observation") -> Floats:
     if wrong.size:
         raise NonFiniteError(
             f"Point {int(wrong[0])} is not finite ({len(wrong)} of {len(rows)} are not).",
-            remedy="Leave such points out: a frame may have any number of them.",
+            remedy="Omit such points: a frame may have any number of points.",
             vertex=int(wrong[0]),
         )
     largest = float(np.abs(rows).max(initial=0.0))
     if largest > _LARGEST:
         raise ParameterError(
-            f"A coordinate is {largest:.3g}, more than {_LARGEST:g}: its powers are no numbers.",
-            remedy="State lengths in a larger unit.",
+            f"A coordinate is {largest:.3g}, more than {_LARGEST:g}: its powers overflow.",
+            remedy="Use a larger unit of length.",
         )
     return rows
 

@@ -62,13 +62,13 @@ class TrackParameters:
     def __post_init__(self) -> None:
         if self.time not in ("cycle", "open"):
             raise errors.ParameterError(
-                f"The time is {self.time!r:.40}.",
-                remedy="Use cycle for one whole period, or open.",
+                f"The option time is {self.time!r:.40}.",
+                remedy="Use cycle (one whole period) or open.",
             )
         if self.papillary not in CONVENTIONS:
             raise errors.ParameterError(
-                f"The convention about papillary muscles is {self.papillary!r:.40}.",
-                remedy="Use pool, where they are cavity, or wall, where they are not.",
+                f"The papillary muscle convention is {self.papillary!r:.40}.",
+                remedy="Use pool (they count as cavity) or wall (they do not).",
             )
         if not isinstance(self.landmarks, Mapping | None):
             raise errors.ParameterError(
@@ -98,8 +98,8 @@ def require_surface_tracking(facts: mesh.Facts) -> None:
     """
     if facts.tracking not in ("normal_displacement", "unknown"):
         raise errors.ParameterError(
-            f"The fact 'tracking' is {facts.tracking!r}: what is tracked follows the "
-            "surface, and not its tissue.",
+            f"The fact 'tracking' is {facts.tracking!r}: tracking follows the surface, not its "
+            f"tissue.",
             remedy="Leave it out; it becomes normal_displacement.",
             details={"fact": "tracking"},
         )

@@ -178,7 +178,7 @@ def read_observed(
         message = detect.unknown_format(data).message if data else "The file is empty."
         raise MalformedFileError(message, remedy=_REMEDY)
     raise MalformedFileError(
-        f"The file is {kind.upper()}, which contains a sequence of one mesh.",
+        f"The file is {kind.upper()}, which contains a whole sequence of one mesh.",
         remedy=f"{NOTHING_TO_TRACK} {_REMEDY}",
     )
 
@@ -313,8 +313,8 @@ def _numbers(lines: Sequence[bytes], delimiter: str | None, n_columns: int) -> F
     except ValueError as error:
         raise MalformedFileError(
             f"A cell is not a number, or missing ({str(error)[:60]}).",
-            remedy="Write x, y and z of one point per line; in a table of all frames beside them "
-            "frame, or time (s).",
+            remedy="Write x, y and z of one point per line; in a table of all frames, also frame "
+            "or time (s).",
         ) from error
     return rows
 
@@ -364,8 +364,8 @@ def _guide_points(data: bytes, contours: Sequence[str]) -> _FrameFile:
     names = [name for name in np.unique(kinds) if any(kind in name for kind in contours)]
     if not names:
         raise ParameterError(
-            f"No contour is called {', '.join(map(repr, contours))}.",
-            remedy=f"Name parts of these: {', '.join(np.unique(kinds))}.",
+            f"There is no contour called {', '.join(map(repr, contours))}.",
+            remedy=f"Use names from this list: {', '.join(np.unique(kinds))}.",
         )
     observed = [Observation(places[np.isin(kinds, names)])]
     at_valve, at_apex = np.isin(kinds, _VALVES), kinds == _APEX
@@ -414,8 +414,7 @@ def _clouds_in(arrays: Mapping[str, Array], limits: ReadLimits) -> list[Array]:
     if offsets is None:
         if points.ndim != 3 or points.shape[2] != 3 or points.dtype.kind not in "fiu":
             raise MalformedFileError(
-                f"The points have the shape {points.shape}, and there are no offsets of the "
-                "frames.",
+                f"The points have the shape {points.shape}, and the frame offsets are missing.",
                 remedy=_NPZ_REMEDY,
             )
         limits.require(frames=len(points), vertices=points.shape[1])

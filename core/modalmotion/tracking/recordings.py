@@ -89,7 +89,7 @@ def track(
         times = times * np.arange(recorded.n_frames, dtype=np.float64)
     if recorded.images is not None and parameters.unit not in (None, "mm"):
         raise errors.ParameterError(
-            f"The unit {parameters.unit!r:.20} is stated, but images are placed in mm.",
+            f"The unit {parameters.unit!r:.20} was given, but image coordinates are in mm.",
             remedy="Omit the unit, and give landmarks in mm.",
         )
     stated = replace(
@@ -115,8 +115,9 @@ def _labelled(
     if images is None:
         if labels and not recorded.are_typed:
             raise errors.ParameterError(
-                "A label is named, but the recording is no label map and has no typed contours.",
-                remedy="Leave the label out, or give a label map as NIfTI, NRRD or MetaImage.",
+                "A label was given, but the recording is not a label map and has no typed "
+                "contours.",
+                remedy="Omit the label, or send a label map as NIfTI, NRRD or MetaImage.",
             )
         return recorded, {}, parameters
     values = label_values.whole_labels(labels)
@@ -171,7 +172,8 @@ def sequence_of(
         is_mesh = isinstance(error, errors.ShapeError | errors.ConnectivityError)
         if is_mesh and options.facts.tracking != "normal_displacement":
             error.remedy += (
-                " In a table of files state tracking normal_displacement in its row to track it."
+                " To track it from a table of files, set tracking to normal_displacement in its "
+                "row."
             )
             raise
     return track(
@@ -220,12 +222,12 @@ def segment(
     sequence = volume.images_in(images)
     if sequence is None:
         raise errors.ShapeError(
-            f"A {type(images).__name__} is no image.",
+            f"A {type(images).__name__} is not an image.",
             remedy="Give a Volume, a PlaneSet or an ImageSequence.",
         )
     if not 0 <= frame < sequence.n_frames or sequence.frames[frame] is None:
         raise errors.ParameterError(
-            f"There is no image in frame {frame}: there are {sequence.n_frames} frames.",
+            f"Frame {frame} has no image; the sequence has {sequence.n_frames} frames.",
             remedy="Name a frame that has one, counted from 0.",
             frame=frame,
         )

@@ -73,7 +73,7 @@ def test_subjects_and_what_shares_a_group_stay_together() -> None:
     assert len(set(plain.groups)) == 6
     assert plain.groups[0] == plain.groups[1] != plain.groups[2]
     assert len(set(collected(cases, groups="site").groups)) == 3
-    with pytest.raises(ParameterError, match="which no case has"):
+    with pytest.raises(ParameterError, match="which none of the cases has"):
         collected(cases, groups="ward")
 
 

@@ -73,7 +73,7 @@ def test_damage_and_another_model_under_its_id_are_refused() -> None:
     with pytest.raises(CorruptFileError):
         model_from_hdf5(bytes(data))
     arrays = {**kept.arrays, "intercepts": kept.arrays["intercepts"] + 1.0}
-    with pytest.raises(CorruptFileError, match="contains another model"):
+    with pytest.raises(CorruptFileError, match="does not contain the model"):
         model_from_hdf5(model_to_hdf5(replace(kept, arrays=arrays)))
     for name in ("weights", "means", "strangeness"):
         broken = {**kept.arrays, name: kept.arrays[name][:-1]}

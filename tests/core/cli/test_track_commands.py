@@ -195,9 +195,9 @@ def test_a_label_map_is_tracked_with_no_landmark(tmp_path: Path) -> None:
     words = [str(clouds_in(tmp_path)), "-o", str(tmp_path / "c.npz"), "--label", "3"]
     result = CliRunner().invoke(main, ["track", *words])
     assert result.exit_code != 0
-    assert "no label map and has no typed contours" in result.output
+    assert "not a label map and has no typed contours" in result.output
     result = CliRunner().invoke(main, ["track", str(source), *words[1:-1], "LV"])
-    assert "The label 'LV' is no whole number" in result.output
+    assert "The label 'LV' is not a whole number" in result.output
 
 
 def test_a_moving_picture_needs_images(tmp_path: Path) -> None:
@@ -246,4 +246,4 @@ def test_a_frame_that_is_not_there_is_named(source: Path, tmp_path: Path) -> Non
     words = ["segment", str(source), "-o", str(tmp_path / "a.ply"), "--label", "3", "--frame", "2"]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 1
-    assert "no image in frame 2" in result.output
+    assert "Frame 2 has no image" in result.output

@@ -68,7 +68,7 @@ def test_the_share_within_what_is_stated() -> None:
 
 
 def test_other_numbers_of_frames_are_refused() -> None:
-    with pytest.raises(mm.ShapeError, match="6 frames and the answer 5"):
+    with pytest.raises(mm.ShapeError, match="6 frames, the answer 5"):
         score(BEAT, replace(BEAT, vertices=BEAT.vertices[:5], times=None))
 
 

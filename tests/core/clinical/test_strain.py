@@ -206,7 +206,7 @@ def test_segments_need_the_anterior_wall_and_strain_no_material_points() -> None
 
 
 def test_what_has_no_wall_is_refused() -> None:
-    with pytest.raises(TopologyError, match="topology cup"):
+    with pytest.raises(TopologyError, match="topology=cup"):
         strain_of(replace(standard_surface(Lattice(TORUS, (16, 24)))), 0)
     small = mesh_sequence(
         np.stack([standard_surface(Lattice(CUP, (4, 6))).vertices[0]] * 2),

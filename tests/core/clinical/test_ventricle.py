@@ -34,5 +34,5 @@ def test_what_is_not_there_is_null_and_has_a_reason() -> None:
     assert (result.regions, result.strain) == (None, None)
     assert result.rates is not None
     assert any("torus" in reason for reason in result.reasons)
-    assert any("topology cup" in reason for reason in result.reasons)
+    assert any("topology=cup" in reason for reason in result.reasons)
     assert ventricle_json(result)["strain"] is None

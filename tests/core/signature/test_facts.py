@@ -99,7 +99,7 @@ def test_what_a_found_topology_has_no_use_for_is_refused_with_a_remedy_that_work
     facts = Facts(landmarks={"corners": (0, 1, 2, 3)})
     with pytest.raises(ParameterError, match="'corners' means nothing on a c") as caught:
         modal_signature(unnamed.with_facts(facts))
-    assert "take it out" in caught.value.remedy
+    assert "remove it there" in caught.value.remedy
     modal_signature(unnamed.with_facts(NO_FACTS))
 
 

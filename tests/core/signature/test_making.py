@@ -228,7 +228,7 @@ def test_parameters_out_of_range_are_refused(
 
 
 def test_a_lattice_without_a_topology_is_asked_for_one() -> None:
-    with pytest.raises(TopologyError, match="without a topology"):
+    with pytest.raises(TopologyError, match="has no topology"):
         modal_signature(mesh_sequence(bowl()[None], grid=SHAPE))
 
 

@@ -257,7 +257,7 @@ def test_surfaces_without_a_side_or_a_normal_are_refused_with_a_remedy() -> None
         ]
     )
     moebius = mesh_sequence(np.stack([band, band * 1.1]), faces)
-    with pytest.raises(TopologyError, match="one side") as caught:
+    with pytest.raises(TopologyError, match="one-sided") as caught:
         fitted(moebius, modes=4)
     assert "kind material" in str(caught.value.remedy)
     curve = mesh_sequence(np.stack([middle, middle * 1.1]), topology="closed curve", grid=None)

@@ -100,10 +100,10 @@ def test_a_sheet_taken_for_a_cup_is_told(depth: float, is_shallow: bool) -> None
         given = mm.mesh_sequence(np.asarray(sheet.vertices), faces=faces, unit="mm")
         found = mm.modal_signature(given)
         assert found.surface == "cup"
-        assert any("state plane" in note for note in found.notes) == is_shallow
+        assert any("set topology=plane" in note for note in found.notes) == is_shallow
 
 
 def test_a_stated_cup_is_believed() -> None:
     sheet = disc(8.0, np.random.default_rng(2))
     asked = mm.SignatureParameters(topology="cup")
-    assert not [n for n in mm.modal_signature(sheet, asked).notes if "state plane" in n]
+    assert not [n for n in mm.modal_signature(sheet, asked).notes if "set topology=plane" in n]

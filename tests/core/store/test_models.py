@@ -90,7 +90,7 @@ def test_other_names_are_refused(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["a@", "a@0", "a@01", "a@-1", "a@1.0", "a@1@2", "@1", "a@1\n"])
 def test_what_names_no_version_is_refused(text: str) -> None:
-    with pytest.raises(NotFoundError, match="names no model"):
+    with pytest.raises(NotFoundError, match="is not the name of a model"):
         parse_reference(text)
 
 
@@ -356,7 +356,7 @@ def test_a_file_that_holds_another_model_is_refused(model: Model) -> None:
     kept = kept_model(model)
     wrong = model_to_hdf5(replace(kept, record=replace(kept.record, id="0" * 64)))
     assert model_from_hdf5(image).id == model.id
-    with pytest.raises(CorruptFileError, match="another model"):
+    with pytest.raises(CorruptFileError, match="does not contain the model"):
         model_from_hdf5(wrong)
     with pytest.raises(CorruptFileError):
         model_from_hdf5(image[:-1])

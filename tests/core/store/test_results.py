@@ -185,7 +185,7 @@ def test_lost_vertices_are_no_unknown_id_and_come_back_with_the_sequence(
     store.put_sequence(sequence)
     store.sequence_path(sequence.id).unlink()
     for read in (store.sequence_path, store.sequence):
-        with pytest.raises(LostFileError, match="lost: it was stored and not deleted") as caught:
+        with pytest.raises(LostFileError, match="lost: it was not deleted") as caught:
             read(sequence.id)
         assert caught.value.remedy.startswith("Send the sequence again")
     assert store.put_sequence(sequence) is False

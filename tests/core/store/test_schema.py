@@ -150,7 +150,7 @@ def test_numbers_that_are_wrong_are_found_and_counted_anew(root: Path) -> None:
         connection.execute("UPDATE counts SET number = number + 7 WHERE kind = 'sequence'")
         connection.commit()
     assert [fault.problem for fault in verify(root).faults] == [
-        "It miscounts its rows; `modalmotion store rebuild`."
+        "Its row counts are wrong; run `modalmotion store rebuild`."
     ]
     rebuild(root)
     assert verify(root).is_sound
@@ -163,5 +163,5 @@ def test_an_index_of_another_version_is_refused(root: Path, version: int) -> Non
     with contextlib.closing(sqlite3.connect(root / "index.sqlite")) as connection:
         connection.execute(f"PRAGMA user_version = {version}")
     for use in (rebuild, lambda at: ResultStore(at).open()):
-        with pytest.raises(StoreError, match=f"version {version}.*knows {VERSION}"):
+        with pytest.raises(StoreError, match=f"version {version}.*reads version {VERSION}"):
             use(root)

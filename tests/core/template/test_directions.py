@@ -67,5 +67,5 @@ def test_directions_that_a_surface_does_not_have() -> None:
     # A Moebius band: where the strip closes, top meets bottom.
     last = np.isin(faces % 12, [0, 11]).any(axis=1) & (np.ptp(faces % 12, axis=1) > 1)
     faces[last] = np.where(faces[last] % 12 == 0, (faces[last] + 12) % 24, faces[last])
-    with pytest.raises(TopologyError, match="one side"):
+    with pytest.raises(TopologyError, match="one-sided"):
         directions_on(replace(band, faces=faces), Direction.NORMAL)

@@ -25,6 +25,6 @@ def test_no_waves_have_such_a_speed(speed: float) -> None:
 
 def test_frequencies_beyond_the_largest_number_are_refused() -> None:
     small = replace(TUBE, lengths=tuple(1e-250 * length for length in TUBE.lengths))
-    with pytest.raises(ParameterError, match="beyond the largest number"):
+    with pytest.raises(ParameterError, match="frequencies that overflow"):
         surface_modes(small, 4, wave_speed=1e100)
     surface_modes(small, 4)

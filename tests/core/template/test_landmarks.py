@@ -72,7 +72,7 @@ def test_what_holds_without_a_zero_of_theta_is_said_where_that_is_named() -> Non
     template = make_template(mesh_sequence(flat.vertices, flat.faces, topology="cup"))
     assert template.landmarks is not None
     assert {"axis", "base", "theta_zero"} <= {*template.landmarks.weak}
-    (told,) = (note for note in template.notes if "Cosine and sine" in note)
+    (told,) = (note for note in template.notes if "cosine and the sine" in note)
     assert told.text.startswith("The zero of theta")
 
 
@@ -171,7 +171,7 @@ def test_corners_of_a_plane() -> None:
         ({"base": True}, "neither a vertex nor a point"),
         ({"corners": (1, 2, 3, 4)}, "means nothing on a cup"),
         ({"corners": (1, 2, 3)}, "3 places, not four"),
-        ({"apex": 5, "base": 5}, "same place"),
+        ({"apex": 5, "base": 5}, "coincide"),
     ],
 )
 def test_places_that_are_none(given: dict[str, object], message: str) -> None:

@@ -81,7 +81,7 @@ def test_what_a_surface_does_not_have_is_refused(tube: Template) -> None:
     with pytest.raises(ParameterError, match="closed form"):
         surface_modes_named(tube, [ModeLabel((0,), "spring")])
     surface_modes_named(tube, [ModeLabel((0, 20), "cos")])
-    with pytest.raises(ParameterError, match="two steps"):
+    with pytest.raises(ParameterError, match="two edge lengths"):
         surface_modes_named(tube, [ModeLabel((0, 30), "cos")])
     with pytest.raises(ModeCountError, match="1152"):
         surface_modes(tube, 5000)

@@ -61,7 +61,7 @@ def test_what_geometry_does_not_tell_is_asked_by_name() -> None:
         cavity_in(heart(1, 0, 3))
     assert "--label" in error.value.remedy
     many = np.arange(1, 21).reshape(20, 1, 1) * np.ones((1, 20, 20), dtype=np.int64)
-    with pytest.raises(ParameterError, match="20, more than a heart has"):
+    with pytest.raises(ParameterError, match="20, more than in a heart"):
         cavity_in(ImageSequence((Volume(many, np.eye(4)[:3]),)))
 
 

@@ -72,8 +72,8 @@ def test_ours_has_a_place_or_one_for_each_frame_and_no_system_turns_nothing() ->
 @pytest.mark.parametrize(
     ("data", "match"),
     [
-        (b"", "not a file of landmarks"),
-        (b"\xff\xfe", "not a file of landmarks"),
+        (b"", "not a landmark file"),
+        (b"\xff\xfe", "not a landmark file"),
         (b"[1]", "it is a list"),
         (b"{}", "neither 'landmarks' nor 'markups'"),
         (b'{"landmarks": {"apex": "1,2,3"}}', "three finite numbers"),

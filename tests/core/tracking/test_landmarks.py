@@ -63,7 +63,7 @@ def test_an_array_without_axes_is_no_place() -> None:
 def test_facts_state_points_and_no_vertices() -> None:
     found = landmarks_of(Facts(landmarks={"apex": (0.0, 1.0, 2.0)}))
     assert found["apex"].tolist() == [0, 1, 2]
-    with pytest.raises(ParameterError, match="has no vertices"):
+    with pytest.raises(ParameterError, match="has no fixed vertices"):
         landmarks_of(Facts(landmarks={"apex": 7}))
 
 

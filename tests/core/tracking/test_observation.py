@@ -69,7 +69,7 @@ def test_what_cannot_be_observed_is_refused(bad: object, error: type[InputError]
 def test_errors_name_the_frame() -> None:
     broken = POINTS.copy()
     broken[2, 1] = np.inf
-    with pytest.raises(NonFiniteError, match=r"Frame 1: Point 2 .*Leave such points out") as caught:
+    with pytest.raises(NonFiniteError, match=r"Frame 1: Point 2 .*Omit such points") as caught:
         observed_frames([POINTS, broken])
     assert caught.value.frame == 1
     assert caught.value.vertex == 2

@@ -115,7 +115,7 @@ def test_an_npz_of_equal_frames_needs_no_offsets(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"Frame 1: Point 3 is not finite"):
         read_observed(path)
     np.savez(path, points=X[0])
-    with pytest.raises(MalformedFileError, match="there are no offsets") as caught:
+    with pytest.raises(MalformedFileError, match="the frame offsets are missing") as caught:
         read_observed(path)
     assert "points (frames, n, 3)" in caught.value.remedy
     # What is a sequence to others stays one: curves and lattices have vertices.

@@ -65,7 +65,7 @@ def test_a_changing_mesh_is_tracked_only_where_its_row_says_so(tmp_path: Path) -
         (tmp_path / f"f{k}.ply").write_bytes(write_ply(x, BALL.faces[k:], {}))
     with pytest.raises(ConnectivityError, match="It has") as caught:
         sequence_of(tmp_path)
-    assert "state tracking normal_displacement in its row" in caught.value.remedy
+    assert "set tracking to normal_displacement in its row" in caught.value.remedy
     found = sequence_of(tmp_path, ReadOptions(facts=Facts(tracking="normal_displacement")))
     assert found.n_frames == 2
 

@@ -30,7 +30,7 @@ def test_a_label_map_needs_no_landmark() -> None:
 
 @pytest.mark.parametrize("frame", [-1, 0, 2])
 def test_a_frame_without_an_image_is_named(frame: int) -> None:
-    with pytest.raises(ParameterError, match=f"no image in frame {frame}"):
+    with pytest.raises(ParameterError, match=f"Frame {frame} has no image"):
         segment(ImageSequence((None, volume())), frame=frame)
 
 

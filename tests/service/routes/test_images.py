@@ -239,7 +239,7 @@ def test_a_label_that_is_no_number_is_refused_before_images_are_read(
         client.post(TRACKS, content=file[:200], params=named),
     ):
         assert answer.status_code == 422, answer.text
-        assert answer.json()["detail"].startswith("The label 'three' is no whole number")
+        assert answer.json()["detail"].startswith("The label 'three' is not a whole number")
 
 
 def test_images_that_nobody_tracks_are_forgotten(client: TestClient) -> None:
