@@ -13,6 +13,9 @@ from modalmotion.numeric.native import library
 ROOM = 17
 """The status of too little room."""
 
+LARGEST = 1 << 27
+"""Bytes of room that no stream of the tests may need."""
+
 
 class Whole(NamedTuple):
     positions: NDArray[np.floating]
@@ -51,3 +54,4 @@ def whole(data: bytes, first: int = 0, stop: int | None = None) -> Whole | int:
         if status != ROOM:
             return int(status) or made
         size = max(2 * size, int(needed[0]))
+        assert size <= LARGEST, f"{size} bytes for {n_vertices} vertices"

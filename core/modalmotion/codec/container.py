@@ -112,7 +112,7 @@ def read_header(data: bytes, limits: ReadLimits) -> tuple[Header, int]:
             remedy="Decode it with the release that wrote it, or a later one.",
         )
     section, position = read_section(data, 5)
-    return _read_header(section, limits), position
+    return _parse_header(section, limits), position
 
 
 def read_section(data: bytes, position: int) -> tuple[bytes, int]:
@@ -167,11 +167,7 @@ def _write_header(header: Header) -> bytes:
     return b"".join(parts)
 
 
-def _read_header(section: bytes, limits: ReadLimits) -> Header:
-    with parsing(_NONSENSE):
-        return _parse_header(section, limits)
-
-
+@parsing(_NONSENSE)
 def _parse_header(section: bytes, limits: ReadLimits) -> Header:
     counts, position = read_varints(section, 0, 3)
     for name, count in zip(("frames", "vertices", "faces"), counts, strict=True):

@@ -221,7 +221,7 @@ def _between(own: Floats, x: Floats, interpolation: Interpolation, at: Floats) -
     """Positions at phases, through those of the frames, round the cycle."""
     around, closed = np.append(own, own[0] + 1.0), np.concatenate([x, x[:1]])
     if interpolation == "cubic":
-        # Exact at frames, and of many coordinates far faster than `make_interp_spline`.
+        # A periodic `make_interp_spline` solves for one coordinate after another: 60 times slower.
         spline = scipy.interpolate.CubicSpline(around, closed, bc_type="periodic")
     else:
         spline = scipy.interpolate.make_interp_spline(around, closed, k=1)

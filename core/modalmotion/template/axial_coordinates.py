@@ -162,7 +162,8 @@ def _agreement(surface: surfaces.Surface) -> float:
     lengths = np.array([opening.length for opening in surface.openings])
     arms = np.stack([opening.centre for opening in surface.openings]) - surface.centroid
     reach = float(lengths @ np.linalg.norm(arms, axis=1))
-    return float(np.linalg.norm(lengths @ arms)) / reach if reach > 0 else 0.0
+    # Of one opening it is 1 up to rounding.
+    return min(1.0, float(np.linalg.norm(lengths @ arms)) / reach) if reach > 0 else 0.0
 
 
 def cylinder_axes(surface: surfaces.Surface, places: dict[str, Floats]) -> Axes:

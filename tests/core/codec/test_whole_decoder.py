@@ -66,6 +66,12 @@ def test_poles_and_turns(kind: str, rng: np.random.Generator) -> None:
     require_same(encode(mesh_sequence(vertices, grid=(10, 12), topology=kind), rms=1e-3).data)
 
 
+def test_many_pieces_need_room_in_proportion(rng: np.random.Generator) -> None:
+    faces = np.arange(6000).reshape(-1, 3)
+    vertices = rng.normal(size=(2, 6000, 3)).cumsum(axis=1)
+    require_same(encode(mesh_sequence(vertices, faces), rms=0.1, effort="fast").data)
+
+
 def test_long_lines_go_by_the_fast_transform(rng: np.random.Generator) -> None:
     walk = rng.normal(size=(601, 4, 3)).cumsum(axis=0)
     require_same(encode(mesh_sequence(walk), rms=0.05).data)

@@ -32,19 +32,4 @@ static void sort_places(uint64_t *keys, int64_t *order, int64_t n, Room *room) {
     }
 }
 
-/* Order a few numbers in place, and leave each once; how many are left. */
-static int64_t sort_once(int64_t *values, int64_t n) {
-    for (int64_t gap = n / 2; gap > 0; gap /= 2)
-        for (int64_t i = gap; i < n; i++) {
-            const int64_t value = values[i];
-            int64_t j = i;
-            for (; j >= gap && values[j - gap] > value; j -= gap) values[j] = values[j - gap];
-            values[j] = value;
-        }
-    int64_t left = 0;
-    for (int64_t i = 0; i < n; i++)
-        if (!left || values[i] != values[left - 1]) values[left++] = values[i];
-    return left;
-}
-
 #endif

@@ -150,6 +150,7 @@ typedef struct {
     const Graph *g;
     Parting patches, leaves;
     int64_t *order, share;
+    int64_t *place, *leaf_of; /* of the vertices of the patch that is solved */
     Patch *solved;
 } Springs;
 
@@ -241,8 +242,7 @@ static int solve_patch(const Springs *s, int64_t number, Room *room) {
     p->n = s->patches.starts[number + 1] - s->patches.starts[number];
     int64_t n_modes = 0;
     /* Leaves come by their lowest vertex: those of a patch are found along its vertices. */
-    int64_t *names = TAKE(room, int64_t, p->n), *place = TAKE(room, int64_t, g->n);
-    int64_t *leaf_of = TAKE(room, int64_t, g->n);
+    int64_t *names = TAKE(room, int64_t, p->n), *place = s->place, *leaf_of = s->leaf_of;
     if (room->used > room->size) return ROOM;
     for (int64_t i = 0; i < p->n; i++) {
         const int64_t leaf = s->leaves.owner[vertices[i]], first = s->leaves.starts[leaf];
@@ -343,6 +343,8 @@ static int read_springs(Springs *s, Bytes *b, const Graph *g, Room *room) {
     if (part_graph(&s->leaves, g, s->patches.owner, leaf, room)) return ROOM;
     s->solved = TAKE(room, Patch, s->patches.n);
     s->order = TAKE(room, int64_t, n);
+    s->place = TAKE(room, int64_t, n);
+    s->leaf_of = TAKE(room, int64_t, n);
     if (room->used > room->size) return ROOM;
     for (int64_t i = 0; i < s->patches.n; i++)
         if (solve_patch(s, i, room)) return ROOM;
