@@ -209,7 +209,11 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Array:
         read_magic: Any = npy.read_magic
         is_first = read_magic(stream) == (1, 0)
         read: Any = npy.read_array_header_1_0 if is_first else npy.read_array_header_2_0
-        shape, is_fortran, dtype = read(stream)
+        try:
+            shape, is_fortran, dtype = read(stream)
+        except MemoryError:
+            # Of Python's parser, however much memory there is.
+            raise ValueError("nested too deeply") from None
     if dtype.kind not in ("fiuU" if name in _TEXTS else "fiu"):
         raise (errors.MalformedFileError if dtype.hasobject else errors.ShapeError)(
             f"The array {name[:40]!r} contains {dtype.str[:20]}, which is not understood there; "
@@ -248,7 +252,9 @@ def text_in(arrays: dict[str, Array], name: str) -> Any:
             f"The array {name!r} has the shape {array.shape} of {array.dtype}, not one {what}.",
             remedy=f"Store it as numpy.array({example}, or leave {name!r} out.",
         )
-    value = array.item()
+    # Of letters that are none.
+    with misread(_malformed, f"The array {name!r} cannot be read", (SystemError, ValueError)):
+        value = array.item()
     return None if value == "" else value
 
 

@@ -274,8 +274,9 @@ _TOO_MANY: Final = 0.003
 _OFF_PATH: Final = (0.5, 0.1)
 _OF_ADDED: Final = 15.0
 
-# Steps of the grid of levels, mm.
-_GRID: Final = 0.5
+# Steps of the grid of levels: mm, share of the heights of the highest slices, and of a slice. The
+# last two count where a map is much larger than a heart.
+_GRID: Final = (0.5, 1 / 400, 1 / 40)
 
 # Way to the tip over that of a paraboloid.
 _BLUNT: Final = 0.75
@@ -516,9 +517,10 @@ def _levels(
     """
     mean, sd = moving_base.DESCENT
     c = mean + sd * np.linspace(-2.5, 2.5, 21)
-    H = np.arange(tops.min() - step, tops.max() + mean * ejected.max() + 4.0 * step, _GRID)
-    apart = (tops.max() - tops.min()) / step
-    slices = np.arange(-0.5 - apart, max(gaps.max() + 2.0, apart + 1.0), _GRID / step)
+    apart = float(np.ptp(tops)) / step
+    grid = max(_GRID[0], _GRID[1] * apart * step, _GRID[2] * step)
+    H = np.arange(tops.min() - step, tops.max() + mean * ejected.max() + 4.0 * step, grid)
+    slices = np.arange(-0.5 - apart, max(gaps.max() + 2.0, apart + 1.0), grid / step)
     h = slices * step
     edges, weights = np.array(_ABOVE).T
     off = np.hypot(_OFF_PATH[0], mean * np.hypot(_OFF_PATH[1] * ejected.max(), _OF_ADDED * added))
@@ -543,5 +545,5 @@ def _levels(
     # Frames are apart, given a path: of that they have the errors in common.
     away = (heights - means[:, None, None]).reshape(len(tops), -1)
     covariance = (weight.ravel() * away) @ away.T
-    covariance += np.diag((weight * np.maximum(spread, _GRID**2 / 12.0)).sum(axis=(1, 2)))
+    covariance += np.diag((weight * np.maximum(spread, grid**2 / 12.0)).sum(axis=(1, 2)))
     return tops + means, covariance

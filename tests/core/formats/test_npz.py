@@ -117,11 +117,20 @@ def declared(shape: str, dtype: str = "<f4") -> bytes:
 
 @pytest.mark.parametrize(
     "shape",
-    ["(1000000000, 3)", "(1, 999999999999999999, 3)", "(-1, 1, 3)", "(2, 1, 3)", "()", "1", "(1,"],
+    [
+        *("(1000000000, 3)", "(1, 999999999999999999, 3)", "(-1, 1, 3)", "(2, 1, 3)", "()", "1"),
+        *("(1,", "-" * 9000 + "1"),
+    ],
 )
 def test_declared_and_actual_sizes_must_agree(shape: str) -> None:
     with pytest.raises(MalformedFileError):
         read_npz(declared(shape))
+
+
+def test_letters_that_are_none_are_refused() -> None:
+    letter = np.frombuffer(b"\xff\xff\xff\x7f", "<U1")
+    with pytest.raises(MalformedFileError, match="unit"):
+        read_npz(npz(vertices=VERTICES, unit=letter))
 
 
 def test_the_header_is_never_evaluated() -> None:

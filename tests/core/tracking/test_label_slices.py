@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -187,6 +188,17 @@ def test_slices_that_one_frame_has_too_many_do_not_raise_the_others() -> None:
     whole, wrong = found(*others, stack()), found(*others, stack(base=CUT + 3.0 * STEP))
     assert wrong.bases[:3, 2] == pytest.approx(whole.bases[:3, 2], abs=0.15 * STEP)
     assert abs(wrong.bases[3, 2] - whole.bases[3, 2]) < 2.0 * wrong.base_covariance[3, 3] ** 0.5
+
+
+def test_a_map_much_larger_than_a_heart_takes_no_more_memory() -> None:
+    affine = np.column_stack([np.diag([PIXEL, PIXEL, STEP]), np.zeros(3)])
+    tall = np.ones((4, 4, 500), np.uint8)
+    tracemalloc.start()
+    try:
+        found(Volume(tall, affine), Volume(np.where(np.arange(500) < 3, tall, 0), affine))
+        assert tracemalloc.get_traced_memory()[1] < 5e8
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1, 1.6])

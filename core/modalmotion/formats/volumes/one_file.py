@@ -67,7 +67,8 @@ def parse_nifti(data: bytes, limits: ReadLimits) -> result.Parsed:
     notes: list[Note] = []
     if not int(header["sform_code"]) and not int(header["qform_code"]):
         notes.append(Note.of("nifti_position_unknown"))
-    interval = float((*header.get_zooms(), 0.0)[3])
+    # Of each axis; an image may have fewer than four.
+    interval = float((*header.get_zooms(), 0.0, 0.0, 0.0, 0.0)[3])
     return stack.parsed(
         values, 3, affine, limits, times=interval, unit=unit, form="NIfTI", notes=notes
     )

@@ -72,6 +72,13 @@ def test_numbers_of_every_type_and_order_of_bytes_are_read(type_: str) -> None:
     assert (first(data).values == values).all()
 
 
+@pytest.mark.parametrize("n_axes", [1, 2])
+def test_an_image_of_fewer_axes_than_space_is_read(n_axes: int) -> None:
+    values = VALUES[:, 0, 0] if n_axes == 1 else VALUES[:, :, 0]
+    data = bytes(nibabel.Nifti1Image(values, np.eye(4)).to_bytes())
+    assert (first(data).values.squeeze() == values).all()
+
+
 def test_gzip_of_several_members_is_read_whole() -> None:
     plain = bytes(nibabel.Nifti1Image(VALUES, np.eye(4)).to_bytes())
     packed = gzip.compress(plain[:400]) + gzip.compress(plain[400:])
