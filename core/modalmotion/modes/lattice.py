@@ -115,6 +115,10 @@ class Lattice:
 
     def all_modes(self) -> ModeSet:
         """Every mode, in the fixed order."""
+        return self._all_modes
+
+    @cached_property
+    def _all_modes(self) -> ModeSet:
         return all_modes(self.topology, self.shape)
 
     def angular_frequencies(self, modes: ModeSet) -> Floats:
