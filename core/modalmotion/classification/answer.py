@@ -463,7 +463,15 @@ def _by_growth(model: Model, motion: Motion, modes: Ints, features: Floats) -> F
 
 FORM: Final = Form("classification", 5)
 
-_OF_ANSWER: Final = ("classes", "label", "class_set", "coverage", "flags", "notes", "provenance")
+_OF_ANSWER: Final[dict[str, type]] = {
+    "classes": list,
+    "label": object,
+    "class_set": list,
+    "coverage": float,
+    "flags": list,
+    "notes": list,
+    "provenance": dict,
+}
 
 
 def classification_key(
@@ -538,7 +546,7 @@ def classification_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> Classi
         As in `Form.read`.
     """
     with FORM.read(source, ids) as contents:
-        texts = {name: tuples_of(contents.json(name, object)) for name in _OF_ANSWER}
+        texts = {name: tuples_of(contents.json(name, kind)) for name, kind in _OF_ANSWER.items()}
         if (label := texts["label"]) not in (None, *texts["classes"]):
             raise ValueError(f"the label {str(label)[:80]!r} is not one of the classes")
         texts["notes"] = notes_from_json(contents.json("notes", list))

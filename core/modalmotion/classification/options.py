@@ -61,8 +61,8 @@ class TrainingOptions:
         cycle for one period of a cycle, transient for a movement with a beginning and an end.
         AUTO weighs both where the recordings close.
     groups : str or None
-        Column of the manifest, such as site, whose cases are never divided by a split. Those of a
-        subject are not either.
+        Column of the manifest, such as site. Cases that share a value are never on both sides of a
+        split, nor are those of a subject.
     on_error : OnError
         LEAVE_OUT goes on without the cases that do not fit; the card names them.
     folds : int

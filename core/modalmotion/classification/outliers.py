@@ -119,7 +119,8 @@ def _kind(terms: Array, modes: Modes, reader: Extractor) -> Floats:
 def symmetry_signs(motion: Motion, reader: Extractor) -> Floats:
     """Signs by which the kinds of a mirror image and of reversed time differ, (2, columns).
 
-    Each feature keeps its value or becomes its opposite, as those of any terms do.
+    Each feature keeps its value or becomes its opposite, whatever the motion: random terms show
+    which.
     """
     modes, terms = first(motion.modes, reader.n_modes), reader.terms(motion)
     rng = np.random.default_rng(0)
@@ -131,7 +132,7 @@ def symmetry_signs(motion: Motion, reader: Extractor) -> Floats:
         backwards = some * (-1.0) ** np.arange(1, len(some) + 1)[:, None, None]
     mirrored = some
     if motion.signature.landmarks is not None:
-        # Across the zero of theta, and theta, run the other way.
+        # A mirror image reverses theta, and the direction across its zero.
         signs = np.where(modes.is_sine, -1.0, 1.0)[:, None]
         mirrored = some * signs * np.array([1.0, -1.0, 1.0])[: some.shape[2]]
     own = _kind(some, modes, reader)

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final
 
 import click
 import numpy as np
+from click.core import ParameterSource
 
 from modalmotion import formats, store
 from modalmotion.cli import files, shared
@@ -52,9 +53,9 @@ def simulate(
     frames
         Frames over one beat.
     noise
-        Standard deviation of coordinates, mm.
+        Standard deviation of coordinates of a surface, mm.
     grid
-        Lattice shape.
+        Lattice shape of a surface.
     vertices
         Triangulate this many vertices, instead of a lattice.
     seed
@@ -65,6 +66,10 @@ def simulate(
     if grid is None or len(grid) != 2:
         raise click.BadParameter("A ventricle's lattice has two axes.", param_hint="--grid")
     if image is not None:
+        source = click.get_current_context().get_parameter_source
+        for name in ("noise", "grid", "vertices"):
+            if source(name) is ParameterSource.COMMANDLINE:
+                raise click.UsageError(f"--{name} is for surfaces: leave it out with --image.")
         parts = _write_images(output, image, VentricleParameters(**parameters), frames, seed)
         return {"n_frames": frames, "image": image.value, "unit": "mm", "written": parts}
     sequence = simulate_ventricle(

@@ -8,18 +8,11 @@ from typing import Annotated, Any
 
 import click
 
+from modalmotion.cli import shared
 from modalmotion.cli.files import counting
-from modalmotion.cli.shared import (
-    EXISTING_FOLDER,
-    OutputFile,
-    OutputFolder,
-    command,
-    described,
-    members,
-)
 from modalmotion.notes import Note
 
-_FOLDER = click.argument("folder", type=EXISTING_FOLDER, metavar="FOLDER")
+_FOLDER = click.argument("folder", type=shared.EXISTING_FOLDER, metavar="FOLDER")
 
 
 @click.group()
@@ -30,7 +23,7 @@ def store() -> None:
     """
 
 
-@command("store rebuild results", group=store)
+@shared.command("store rebuild results", group=store)
 @_FOLDER
 def rebuild(folder: Path, owner: str | None = None) -> Any:
     """Rebuild the index of each store in FOLDER from its files.
@@ -61,12 +54,12 @@ def _each(
         with counting("reading files") as progress:
             report = run(root, progress=progress)
         notes = [Note.of(code) for code in (*["is_backup"] * (time is not None), *codes(report))]
-        found = {**members(report, *more), "backup_time": time, **asdict(report)}
+        found = {**shared.members(report, *more), "backup_time": time, **asdict(report)}
         answer[name] = {**found, "notes": notes}
     return {"stores": answer}
 
 
-@command("store verify results", group=store)
+@shared.command("store verify results", group=store)
 @_FOLDER
 def verify(folder: Path, owner: str | None = None) -> Any:
     """Check every file of each store in FOLDER; the exit code is 1 if something is wrong.
@@ -81,12 +74,12 @@ def verify(folder: Path, owner: str | None = None) -> Any:
     stores = _stores_of(folder, owner)
     whole = _each(stores, run, lambda one: ["left_by_crash"] * bool(one.unfinished), "is_sound")
     is_wrong = not all(one["is_sound"] for one in whole["stores"].values())
-    return whole, described(whole), click.exceptions.Exit(1) if is_wrong else None
+    return whole, shared.described(whole), click.exceptions.Exit(1) if is_wrong else None
 
 
-@command("store export results signatures.h5", group=store)
+@shared.command("store export results signatures.h5", group=store)
 @_FOLDER
-@click.argument("out", type=OutputFile(), metavar="OUT.h5")
+@click.argument("out", type=shared.OutputFile(), metavar="OUT.h5")
 def export(folder: Path, out: Path, owner: str | None = None) -> Any:
     """Pack all signatures of the store in FOLDER, its own if no owner is named, into one file.
 
@@ -116,12 +109,12 @@ def export(folder: Path, out: Path, owner: str | None = None) -> Any:
     failure = click.exceptions.Exit(1) if report.failures else None
     answer = asdict(report)
     failures = [{"sequence": name[:12], "reason": reason} for name, reason in report.failures]
-    return answer, described({**answer, "failures": failures, "notes": notes}), failure
+    return answer, shared.described({**answer, "failures": failures, "notes": notes}), failure
 
 
-@command("store backup results copy", group=store)
+@shared.command("store backup results copy", group=store)
 @_FOLDER
-@click.argument("copy", type=OutputFolder(), metavar="COPY")
+@click.argument("copy", type=shared.OutputFolder(), metavar="COPY")
 def backup(folder: Path, copy: Path, accept_missing: bool = False) -> Any:
     """Copy the store in FOLDER to the folder COPY; a server may have it open.
 
@@ -144,14 +137,14 @@ def backup(folder: Path, copy: Path, accept_missing: bool = False) -> Any:
             f"them back: stop the server, `modalmotion store restore {copy} {folder}`. Or go on "
             "without them: `modalmotion store rebuild`, then this command with --accept-missing."
         )
-    return asdict(report), described(asdict(report)), failure
+    return asdict(report), shared.described(asdict(report)), failure
 
 
-@command("store restore copy results", group=store)
-@click.argument("copy", type=EXISTING_FOLDER, metavar="COPY")
-@click.argument("folder", type=OutputFolder(), metavar="FOLDER")
+@shared.command("store restore copy results", group=store)
+@click.argument("copy", type=shared.EXISTING_FOLDER, metavar="COPY")
+@click.argument("folder", type=shared.OutputFolder(), metavar="FOLDER")
 def restore(
-    copy: Path, folder: Path, deletions: Annotated[Path | None, EXISTING_FOLDER] = None
+    copy: Path, folder: Path, deletions: Annotated[Path | None, shared.EXISTING_FOLDER] = None
 ) -> Any:
     """Restore what is missing in FOLDER from its backup COPY, and rebuild its indices.
 

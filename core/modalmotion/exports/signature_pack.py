@@ -51,7 +51,7 @@ _COLUMNS: Final = (
         *("*", _AXES),
     ),
     _Column("times", lambda s, _: _or_nan(s.times, s.rms_errors), "s", "frame"),
-    _Column("rotations", lambda s, _: s.rotations.matrices, "1", "frame, row, column"),
+    _Column("rotation_matrices", lambda s, _: s.rotations.matrices, "1", "frame, row, column"),
     _Column("translations", lambda s, _: s.translations, "*", "frame, direction"),
     *map(_by_frame, ("rms_errors", "weighted_rms_errors", "p95_errors", "max_errors")),
     *map(_by_frame, ("motion_rms", "weighted_motion_rms")),

@@ -9,13 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.errors import (
-    ConnectivityError,
-    InputError,
-    MalformedFileError,
-    ModalMotionError,
-    ShapeError,
-)
+from modalmotion import errors
 from modalmotion.limits import NO_LIMITS, ReadLimits
 from modalmotion.notes import Note
 from modalmotion.representation import FloatArray, Ints
@@ -91,7 +85,7 @@ def in_frame(frame: int | None, name: str = "") -> Iterator[None]:
     """Name the frame, and the file if there is one, in what is wrong with it."""
     try:
         yield
-    except InputError as error:
+    except errors.InputError as error:
         file = repr(Path(name).name[-60:]) if name else ""
         where = file if frame is None else f"Frame {frame}{f' ({file})' if file else ''}"
         own = error.message.removeprefix(f"Frame {frame}: ").removeprefix(f"Frame {frame}, ")
@@ -109,7 +103,7 @@ _MISSHAPEN: Final = (
 
 @contextmanager
 def misread(
-    malformed: Callable[[str], MalformedFileError],
+    malformed: Callable[[str], errors.MalformedFileError],
     what: str,
     kinds: tuple[type[Exception], ...] = _MISSHAPEN,
 ) -> Iterator[None]:
@@ -122,7 +116,7 @@ def misread(
     """
     try:
         yield
-    except (ModalMotionError, MemoryError):
+    except (errors.ModalMotionError, MemoryError):
         raise
     except kinds as error:
         reason = " ".join(str(error).split())[:80]
@@ -229,7 +223,7 @@ class MergeMap:
             If corners that were one vertex in the first frame no longer coincide.
         """
         if len(corners) != len(self.vertex_of):
-            raise ShapeError(
+            raise errors.ShapeError(
                 f"Frame {frame} has {len(corners) // 3} triangles, frame 0 has "
                 f"{len(self.vertex_of) // 3}.",
                 remedy=ONE_MESH,
@@ -240,7 +234,7 @@ class MergeMap:
         if apart.size:
             corner = int(apart[0])
             vertex = int(self.vertex_of[corner])
-            raise ConnectivityError(
+            raise errors.ConnectivityError(
                 f"Frame {frame}: the corners that are vertex {vertex} in frame 0 are apart "
                 f"(corner {corner % 3} of triangle {corner // 3}; {apart.size} such corners).",
                 remedy="STL contains no vertices, so those of frame 0 count for all frames. Send a "

@@ -183,7 +183,7 @@ def list_frames(names: list[str], read: Callable[[str], bytes], limits: ReadLimi
         others = tuple(sorted(there - {source, *listed}))
         return Listing(listed, series.times, others, (*series.notes, unit))
     frames = [name for name in visible if name.lower().endswith(FRAME_SUFFIXES)]
-    kinds = sorted({name.lower()[-4:] for name in frames})
+    kinds = sorted({name.lower().rpartition(".")[2] for name in frames})
     if len(kinds) > 1:
         raise MalformedFileError(
             f"There are frames of several kinds: {', '.join(kinds)}.",

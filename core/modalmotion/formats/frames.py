@@ -189,7 +189,7 @@ def read_frames(
     Parameters
     ----------
     files : sequence
-        In the order of time; their names where they are files.
+        In the order of time: names of files, or whatever `read` takes.
     read : callable
         Reads one of them.
     limits : ReadLimits

@@ -252,7 +252,7 @@ def text_in(arrays: dict[str, Array], name: str) -> Any:
             f"The array {name!r} has the shape {array.shape} of {array.dtype}, not one {what}.",
             remedy=f"Store it as numpy.array({example}, or leave {name!r} out.",
         )
-    # Of letters that are none.
+    # Numbers beyond Unicode are no letters.
     with misread(_malformed, f"The array {name!r} cannot be read", (SystemError, ValueError)):
         value = array.item()
     return None if value == "" else value

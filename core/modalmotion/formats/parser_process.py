@@ -103,7 +103,7 @@ class ParserProcess:
             clock = threading.Timer(self._seconds, end)
             clock.start()
         except (OSError, RuntimeError) as error:
-            # RuntimeError of a thread.
+            # RuntimeError: a thread could not be started.
             raise StoreError(
                 f"The reader of this format could not be started ({error}).",
                 remedy="The system has no process or memory left for it: try again when fewer "

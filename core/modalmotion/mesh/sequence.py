@@ -11,16 +11,7 @@ import numpy as np
 
 from modalmotion.arguments.checking import Recorded
 from modalmotion.errors import ParameterError, ShapeError, TopologyError
-from modalmotion.hdf5.image import (
-    ANY_IDS,
-    UNKNOWN,
-    Contents,
-    Dataset,
-    Form,
-    Ids,
-    datasets_of,
-    json_text,
-)
+from modalmotion.hdf5 import image
 from modalmotion.mesh import checks, fact_forms, triangles
 from modalmotion.mesh.facts import NO_FACTS, Facts
 from modalmotion.modes import topologies
@@ -353,9 +344,9 @@ def in_time_order(vertices: FloatArray, times: Any) -> tuple[FloatArray, Any, tu
     return vertices[distinct], stamps[distinct].astype(np.float64), tuple(notes)
 
 
-FORM: Final = Form("sequence", 2)
+FORM: Final = image.Form("sequence", 2)
 
-TRACK: Final = Form("track", 6)
+TRACK: Final = image.Form("track", 6)
 """Of a track, which contains its sequence in the same way."""
 
 _ARRAYS: Final = {
@@ -380,19 +371,21 @@ def sequence_to_hdf5(sequence: MeshSequence) -> bytes:
     return FORM.image(
         {"sequence_id": sequence.id},
         sequence_datasets(sequence),
-        unit=sequence.unit or UNKNOWN,
+        unit=sequence.unit or image.UNKNOWN,
         topology=None if sequence.topology is None else sequence.topology.name,
         grid=sequence.grid,
     )
 
 
-def sequence_datasets(sequence: MeshSequence) -> list[Dataset]:
+def sequence_datasets(sequence: MeshSequence) -> list[image.Dataset]:
     """Datasets of a sequence, in its own file or in that of a track."""
-    facts = json_text("facts", fact_forms.facts_as_json(sequence.facts))
-    return [*datasets_of(sequence, _ARRAYS, sequence.unit), facts]
+    facts = image.json_text("facts", fact_forms.facts_as_json(sequence.facts))
+    return [*image.datasets_of(sequence, _ARRAYS, sequence.unit), facts]
 
 
-def sequence_from_hdf5(source: bytes | Path, form: Form = FORM, ids: Ids = ANY_IDS) -> MeshSequence:
+def sequence_from_hdf5(
+    source: bytes | Path, form: image.Form = FORM, ids: image.Ids = image.ANY_IDS
+) -> MeshSequence:
     """Read a mesh sequence, bit for bit as written.
 
     Parameters
@@ -412,7 +405,7 @@ def sequence_from_hdf5(source: bytes | Path, form: Form = FORM, ids: Ids = ANY_I
         return sequence_in(contents)
 
 
-def sequence_in(contents: Contents) -> MeshSequence:
+def sequence_in(contents: image.Contents) -> MeshSequence:
     """Sequence that the contents of a file have."""
     arrays = contents.table(_ARRAYS, {"direction": 3, "corner": 3}, optional=("times",))
     return mesh_sequence(

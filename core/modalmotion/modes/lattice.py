@@ -115,6 +115,10 @@ class Lattice:
 
     def all_modes(self) -> ModeSet:
         """Every mode, in the fixed order."""
+        return self._all_modes
+
+    @cached_property
+    def _all_modes(self) -> ModeSet:
         return all_modes(self.topology, self.shape)
 
     def angular_frequencies(self, modes: ModeSet) -> Floats:
@@ -681,7 +685,7 @@ def cosines(factors: Ints, places: Ints, turn: int, is_sine: Bools) -> Floats:
 
 @lru_cache(maxsize=16)
 def _circle(parts: int) -> Floats:
-    """Cosines of every whole multiple of so many parts of a turn: whole axes cost a look-up."""
+    """Cosines of 0, 1, 2 ... of so many equal parts of a turn, for all nodes to look up."""
     return cos_pi(np.arange(parts), parts // 2)
 
 

@@ -285,7 +285,6 @@ def whole_count(topology: Topology, n_modes: int, shape: tuple[int, ...] | None 
     return n_modes + int(more.is_sine[-1])
 
 
-@lru_cache(maxsize=4)
 def all_modes(topology: Topology, shape: tuple[int, ...]) -> ModeSet:
     """Every mode of a lattice, in the fixed order: as many as it has nodes."""
     return lowest_modes(topology, _n_modes_of(topology, shape), shape)

@@ -275,14 +275,16 @@ def _free_at(oscillators: Oscillators, times: Floats) -> Responses:
     )
 
 
-def _require_range(values: Floats) -> Floats:
+def _require_range(values: Floats, step: str = "") -> Floats:
+    """Refuse responses beyond float64, (times, modes); or (1, modes) after the one `step`."""
     beyond = np.argwhere(~np.isfinite(values))
     if beyond.size:
         frame, mode = (int(i) for i in beyond[0])
         raise ParameterError(
-            f"The response of mode {mode} at time {frame} exceeds the range of float64.",
+            f"The response of mode {mode} {step or f'at time {frame}'} exceeds the range of "
+            "float64.",
             remedy="Use shorter times, or a time unit in which they are smaller numbers.",
-            frame=frame,
+            frame=None if step else frame,
             details={"mode": mode},
         )
     return values
@@ -392,7 +394,7 @@ def exact_step(oscillators: Oscillators, duration: float) -> ExactStep:
         )
     w, c = oscillators.angular_frequencies, np.asarray(oscillators.damping)
     r = responses(w, c, np.full_like(w, duration))
-    _require_range(r.step[None])
+    _require_range(r.step[None], f"after a step of length {duration}")
     A, B = np.rint(r.kept), np.rint(r.kept_velocity)
     a = np.where(A == 1, -r.lost, r.kept - A)
     b = np.where(B == 1, -r.lost_velocity, r.kept_velocity - B)

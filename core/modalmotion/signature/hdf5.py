@@ -6,16 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.hdf5.image import (
-    ANY_IDS,
-    UNKNOWN,
-    Contents,
-    Dataset,
-    Form,
-    Ids,
-    datasets_of,
-    json_text,
-)
+from modalmotion.hdf5 import image
 from modalmotion.mesh import alignment, facts_as_json, facts_from_json
 from modalmotion.mesh.spring_modes import Modes, SpringModes
 from modalmotion.modes import ModeSet, topologies
@@ -26,7 +17,7 @@ from modalmotion.signature.parameters import parameters_as_json, parameters_from
 from modalmotion.signature.value import LENGTHS_OF_FRAMES
 from modalmotion.template.template import landmark_datasets, landmarks_from
 
-FORM: Final = Form("signature", 7)
+FORM: Final = image.Form("signature", 7)
 
 _ARRAYS: Final = {
     "amplitudes": ("{u}", "frame, mode, direction"),
@@ -75,21 +66,21 @@ def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
     """
     unit = signature.unit
     datasets = [
-        *datasets_of(signature, _ARRAYS, unit),
+        *image.datasets_of(signature, _ARRAYS, unit),
         *mode_datasets(signature.modes),
-        *datasets_of(signature.rotations, _ROTATIONS, prefix="rotation_"),
+        *image.datasets_of(signature.rotations, _ROTATIONS, prefix="rotation_"),
         _parameters_text(signature.parameters),
-        json_text("notes", signature.notes),
-        json_text("provenance", signature.provenance),
+        image.json_text("notes", signature.notes),
+        image.json_text("provenance", signature.provenance),
     ]
     # Squares of huge amplitudes overflow; their stored sums are then infinite.
     with np.errstate(over="ignore", invalid="ignore"):
-        datasets += datasets_of(signature, _DERIVED, unit)
+        datasets += image.datasets_of(signature, _DERIVED, unit)
     # Stored signatures have no facts, which may change: the answer adds them.
     if signature.facts.stated:
-        datasets.append(json_text("facts", facts_as_json(signature.facts)))
+        datasets.append(image.json_text("facts", facts_as_json(signature.facts)))
     if signature.choice is not None:
-        datasets.append(json_text("choice", plain(signature.choice)))
+        datasets.append(image.json_text("choice", plain(signature.choice)))
     if signature.landmarks is not None:
         datasets += landmark_datasets(signature.landmarks, unit)
     ids = {
@@ -97,10 +88,12 @@ def signature_to_hdf5(signature: making.ModalSignature) -> bytes:
         "template_id": signature.template_id,
         "parameters_key": signature.parameters.key,
     }
-    return FORM.image(ids, datasets, topology=signature.surface, unit=unit or UNKNOWN)
+    return FORM.image(ids, datasets, topology=signature.surface, unit=unit or image.UNKNOWN)
 
 
-def signature_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> making.ModalSignature:
+def signature_from_hdf5(
+    source: bytes | Path, ids: image.Ids = image.ANY_IDS
+) -> making.ModalSignature:
     """Read a signature, bit for bit as it was written.
 
     Parameters
@@ -136,12 +129,12 @@ def signature_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> making.Moda
         )
 
 
-def mode_datasets(modes: Modes) -> list[Dataset]:
+def mode_datasets(modes: Modes) -> list[image.Dataset]:
     """Datasets that contain the names of modes."""
-    return [Dataset(name, array, *_MODES[name]) for name, array in modes.arrays.items()]
+    return [image.Dataset(name, array, *_MODES[name]) for name, array in modes.arrays.items()]
 
 
-def _modes(contents: Contents, sizes: dict[str, int]) -> Modes:
+def _modes(contents: image.Contents, sizes: dict[str, int]) -> Modes:
     if contents.text("topology") == topologies.MESH:
         identity = bytes(contents.arrays["connectivity_id"][()]).decode()
         return SpringModes(contents.array("spring_eigenvalues", (sizes["mode"],)), identity)
@@ -151,6 +144,6 @@ def _modes(contents: Contents, sizes: dict[str, int]) -> Modes:
 
 
 @lru_cache(maxsize=64)
-def _parameters_text(parameters: making.SignatureParameters) -> Dataset:
+def _parameters_text(parameters: making.SignatureParameters) -> image.Dataset:
     # Most signatures have the same parameters.
-    return json_text("parameters", parameters_as_json(parameters))
+    return image.json_text("parameters", parameters_as_json(parameters))

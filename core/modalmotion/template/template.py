@@ -10,16 +10,7 @@ import numpy as np
 import scipy
 
 from modalmotion.errors import ParameterError, TopologyError
-from modalmotion.hdf5.image import (
-    ANY_IDS,
-    UNKNOWN,
-    Contents,
-    Dataset,
-    Form,
-    Ids,
-    datasets_of,
-    json_text,
-)
+from modalmotion.hdf5 import image
 from modalmotion.mesh.alignment import middle_positions, reference_positions
 from modalmotion.mesh.sequence import MeshSequence, Reference
 from modalmotion.mesh.spring_modes import Modes, spring_modes
@@ -343,7 +334,7 @@ def choose_modes(
     return chosen, (note,)
 
 
-FORM: Final = Form("template", 3)
+FORM: Final = image.Form("template", 3)
 
 _FACES: Final = {"faces": ("1", "face, corner")}
 # Without the faces, which a sequence in the same file has.
@@ -370,24 +361,26 @@ def template_to_hdf5(template: Template) -> bytes:
         The same for the same template.
     """
     unit = "length unit of the sequence"
-    datasets = [*datasets_of(template, _FACES), *template_datasets(template, unit)]
+    datasets = [*image.datasets_of(template, _FACES), *template_datasets(template, unit)]
     topology = topologies.MESH if template.surface is None else template.surface.name
     return FORM.image({"template_id": template.id}, datasets, topology=topology)
 
 
-def template_datasets(template: Template, unit: str | None, prefix: str = "") -> list[Dataset]:
+def template_datasets(
+    template: Template, unit: str | None, prefix: str = ""
+) -> list[image.Dataset]:
     """Datasets of a template without its faces, with this before their names."""
     texts = {"reason": template.reason, "notes": template.notes}
     datasets = [
-        *datasets_of(template, _ARRAYS, unit, prefix=prefix),
-        json_text(f"{prefix}texts", texts),
+        *image.datasets_of(template, _ARRAYS, unit, prefix=prefix),
+        image.json_text(f"{prefix}texts", texts),
     ]
     if template.landmarks is not None:
         datasets += landmark_datasets(template.landmarks, unit)
     return datasets
 
 
-def template_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> Template:
+def template_from_hdf5(source: bytes | Path, ids: image.Ids = image.ANY_IDS) -> Template:
     """Read a template, bit for bit as it was written.
 
     Parameters
@@ -405,7 +398,7 @@ def template_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> Template:
         return template_in(contents)
 
 
-def template_in(contents: Contents, prefix: str = "") -> Template:
+def template_in(contents: image.Contents, prefix: str = "") -> Template:
     """Template that the contents of a file have; see `template_datasets`."""
     name, texts = contents.text("topology"), contents.json(f"{prefix}texts", dict)
     sizes = {"direction": 3, "corner": 3}
@@ -423,7 +416,7 @@ def template_in(contents: Contents, prefix: str = "") -> Template:
 _VECTORS: Final = ("origin", "axis", "theta_zero", "apex", "base")
 
 
-def landmark_datasets(landmarks: Landmarks, unit: str | None) -> list[Dataset]:
+def landmark_datasets(landmarks: Landmarks, unit: str | None) -> list[image.Dataset]:
     """Datasets that contain landmarks."""
     vectors = np.array([getattr(landmarks, name) for name in _VECTORS], dtype=np.float64)
     rest = {
@@ -433,12 +426,12 @@ def landmark_datasets(landmarks: Landmarks, unit: str | None) -> list[Dataset]:
     }
     axes = "origin axis theta_zero apex base, direction"
     return [
-        Dataset("landmarks", vectors, unit or UNKNOWN, axes),
-        json_text("landmark_strengths", rest),
+        image.Dataset("landmarks", vectors, unit or image.UNKNOWN, axes),
+        image.json_text("landmark_strengths", rest),
     ]
 
 
-def landmarks_from(contents: Contents) -> Landmarks | None:
+def landmarks_from(contents: image.Contents) -> Landmarks | None:
     """Landmarks that a file holds, None if there are none."""
     if "landmarks" not in contents.arrays:
         return None

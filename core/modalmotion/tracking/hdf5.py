@@ -5,16 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from modalmotion import errors, notes
-from modalmotion.hdf5.image import (
-    ANY_IDS,
-    UNKNOWN,
-    Contents,
-    Dataset,
-    Ids,
-    datasets_of,
-    form_of,
-    json_text,
-)
+from modalmotion.hdf5 import image
 from modalmotion.mesh.sequence import TRACK, sequence_datasets, sequence_in
 from modalmotion.modes import ModeSet
 from modalmotion.template.body_frame import affine_shapes
@@ -76,25 +67,27 @@ def track_to_hdf5(track: result.Track) -> bytes:
     datasets = [
         *sequence_datasets(sequence),
         *template_datasets(template, unit, "template_"),
-        *datasets_of(track, _ARRAYS, unit),
-        *datasets_of(track, _DERIVED, unit),
-        *datasets_of(track.modes, _MODES, unit),
-        *([] if track.data is None else datasets_of(track.data, _DATA, unit, prefix="data_")),
-        Dataset("across_covariances", across, f"{unit or UNKNOWN}^2", _ARRAYS["covariances"][1]),
-        json_text("estimate", estimate),
-        json_text("notes", track.notes),
-        json_text("provenance", dict(track.provenance)),
+        *image.datasets_of(track, _ARRAYS, unit),
+        *image.datasets_of(track, _DERIVED, unit),
+        *image.datasets_of(track.modes, _MODES, unit),
+        *([] if track.data is None else image.datasets_of(track.data, _DATA, unit, prefix="data_")),
+        image.Dataset(
+            "across_covariances", across, f"{unit or image.UNKNOWN}^2", _ARRAYS["covariances"][1]
+        ),
+        image.json_text("estimate", estimate),
+        image.json_text("notes", track.notes),
+        image.json_text("provenance", dict(track.provenance)),
     ]
     return FORM.image(
         {"sequence_id": sequence.id, "template_id": template.id},
         datasets,
         topology=template.topology.name,
-        unit=unit or UNKNOWN,
+        unit=unit or image.UNKNOWN,
         grid=sequence.grid,
     )
 
 
-def track_from_hdf5(source: bytes | Path, ids: Ids = ANY_IDS) -> result.Track:
+def track_from_hdf5(source: bytes | Path, ids: image.Ids = image.ANY_IDS) -> result.Track:
     """Read a track, bit for bit as it was written.
 
     Parameters
@@ -117,13 +110,13 @@ def kept_track(source: Path) -> result.Track | None:
     if source.suffix.lower() not in (".h5", ".hdf5") or not source.is_file():
         return None
     try:
-        is_track = form_of(source).kind == FORM.kind
+        is_track = image.form_of(source).kind == FORM.kind
     except errors.StoreError:
         return None
     return track_from_hdf5(source) if is_track else None
 
 
-def _data_in(contents: Contents, sizes: dict[str, int]) -> result.SampledData | None:
+def _data_in(contents: image.Contents, sizes: dict[str, int]) -> result.SampledData | None:
     if "data_points" not in contents.arrays:
         return None
     arrays = contents.table(_DATA, sizes, prefix="data_")
@@ -133,7 +126,7 @@ def _data_in(contents: Contents, sizes: dict[str, int]) -> result.SampledData | 
     return result.SampledData(**arrays)
 
 
-def _track_in(contents: Contents) -> result.Track:
+def _track_in(contents: image.Contents) -> result.Track:
     """Read the track that the contents of a file hold."""
     sequence, template = sequence_in(contents), template_in(contents, "template_")
     topology = template.topology

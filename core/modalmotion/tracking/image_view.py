@@ -66,7 +66,7 @@ class Levels:
         return self.contrast > _LABELLED
 
     def layer(self, likeness: float) -> float:
-        """Likeness next to an edge below which noise alone is no layer: at most the one given.
+        """Likeness next to an edge below which there is a layer, not noise: at most the one given.
 
         Labels have no noise, and no layer.
         """
@@ -132,7 +132,7 @@ def find_edges(
         What a mm of outside on the way from the inside costs, in mm of inside: small where
         structures within the cavity, as papillary muscles, belong to it.
     layer : float
-        As of `Levels.layer`.
+        See `Levels.layer`.
 
     Notes
     -----

@@ -150,9 +150,12 @@ def _shown(k: int, frame: Image | None, labels: Sequence[int]) -> Volume | None:
         return None
     cavity = np.isin(frame.values, list(labels))
     if cavity.sum() < _FEWEST:
+        others = label_values.values_in(frame)
         raise ParameterError(
             f"Label {', '.join(map(str, labels))} has {int(cavity.sum())} voxels in frame {k}.",
-            remedy=f"Name one of these with --label: {label_values.values_in(frame)}.",
+            remedy=f"Name one of these with --label: {others}."
+            if others
+            else "Label the cavity in this frame too, or leave the frame out of the file.",
             frame=k,
         )
     return Volume(np.where(cavity, np.float32(_INSIDE), np.float32(0.0)), frame.affine)

@@ -18,16 +18,8 @@ from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes.topologies import CUP
 from modalmotion.representation import Bools, Floats
 from modalmotion.template import make_template
+from modalmotion.tracking import image_view
 from modalmotion.tracking.deformable import Deformable
-from modalmotion.tracking.image_view import (
-    DISTINCT,
-    Facets,
-    Imaging,
-    View,
-    renewed,
-    sums_of,
-    view_of,
-)
 
 # mm within an edge that muscle is looked for in, and beyond it that blood is: there an edge may
 # have been drawn inward by muscle.
@@ -57,7 +49,9 @@ _SEEN: Final = 0.9
 _SPREADS: Final = 4
 
 
-def has_trabeculae(image: Image, shape: MeshSequence, imaging: Imaging, reach: float) -> bool:
+def has_trabeculae(
+    image: Image, shape: MeshSequence, imaging: image_view.Imaging, reach: float
+) -> bool:
     """Whether layers of blood and muscle are next to the edges of a cup's reference shape.
 
     Parameters
@@ -71,11 +65,11 @@ def has_trabeculae(image: Image, shape: MeshSequence, imaging: Imaging, reach: f
     template = make_template(shape)
     if template.surface != CUP:
         return False
-    facets = Facets.of(template.faces, template.vertices, template.weights)
-    look = replace(imaging.within(reach), layers=DISTINCT)
-    view = view_of(image, facets, template.vertices, look, reach)
-    look = renewed(look, view)
-    view = view_of(image, facets, template.vertices, look, reach)
+    facets = image_view.Facets.of(template.faces, template.vertices, template.weights)
+    look = replace(imaging.within(reach), layers=image_view.DISTINCT)
+    view = image_view.view_of(image, facets, template.vertices, look, reach)
+    look = image_view.renewed(look, view)
+    view = image_view.view_of(image, facets, template.vertices, look, reach)
     k = view.edges.is_found
     counted = view.weights[k]
     layered = counted[view.edges.inside[k] < 1.0].sum()
@@ -83,7 +77,12 @@ def has_trabeculae(image: Image, shape: MeshSequence, imaging: Imaging, reach: f
 
 
 def muscle_within(
-    view: View, imaging: Imaging, surface: Deformable, height: float, *, in_layers: bool = False
+    view: image_view.View,
+    imaging: image_view.Imaging,
+    surface: Deformable,
+    height: float,
+    *,
+    in_layers: bool = False,
 ) -> Floats:
     """Muscle next to the inner side of the edges, by area of the surface: (vertices,) mm.
 
@@ -134,7 +133,7 @@ def muscle_within(
 
 def _before_blood(like: Floats, away: Floats, step: float) -> Bools:
     """Find the samples between an edge and the first blood on its inner side."""
-    n, sums = max(1, round(_BLURRED / step)), sums_of(like)
+    n, sums = max(1, round(_BLURRED / step)), image_view.sums_of(like)
     means = np.full(like.shape, -np.inf)
     means[:, n - 1 :] = (sums[:, n:] - sums[:, :-n]) / n
     is_blood = (means > _BLOOD) & (away <= -_BLURRED)
@@ -143,7 +142,7 @@ def _before_blood(like: Floats, away: Floats, step: float) -> Bools:
     return before
 
 
-def opened(view: View, missing: Floats) -> View:
+def opened(view: image_view.View, missing: Floats) -> image_view.View:
     """Move edges outward by the muscle that is missing, (vertices,) mm along the normal."""
     own = (view.shares * missing[view.feet]).sum(axis=1) / _along(view)
     return replace(view, edges=view.edges._replace(offsets=view.edges.offsets + own))
@@ -174,12 +173,12 @@ def spread_over(surface: Deformable, x: Floats, muscle: Floats, volume: float) -
 
 
 def with_trabeculae(
-    views: Sequence[View | None],
-    imagings: Sequence[Imaging],
+    views: Sequence[image_view.View | None],
+    imagings: Sequence[image_view.Imaging],
     surface: Deformable,
     shapes: Floats,
     reference: int,
-) -> tuple[list[View | None], Floats]:
+) -> tuple[list[image_view.View | None], Floats]:
     """Move the edges of all frames but the reference to the outer side of trabeculae.
 
     Parameters
@@ -208,7 +207,7 @@ def with_trabeculae(
     muscle = muscle_within(first, imagings[reference], surface, heights[reference], in_layers=True)
     areas = [triangles.vertex_areas(x, faces) for x in shapes]
     whole = float(muscle @ areas[reference])
-    moved: list[View | None] = []
+    moved: list[image_view.View | None] = []
     for k, view in enumerate(views):
         if view is None or k == reference or not view.edges.is_found.any():
             moved.append(view)
@@ -223,7 +222,7 @@ def with_trabeculae(
     return moved, means
 
 
-def _along(view: View) -> Floats:
+def _along(view: image_view.View) -> Floats:
     """Part of each profile's direction that is along the normal."""
     along: Floats = (view.directions * view.normals).sum(axis=1)
     return along

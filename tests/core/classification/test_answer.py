@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from modalmotion.classification.answer import (
 )
 from modalmotion.classification.model import holds, share_ranges, strangeness_of
 from modalmotion.classification.motion import Motion
-from modalmotion.errors import ParameterError
+from modalmotion.errors import CorruptFileError, ParameterError
 
 
 def test_sets_hold_the_true_class_as_often_as_stated_class_by_class() -> None:
@@ -169,3 +170,11 @@ def test_an_answer_comes_back_from_a_file() -> None:
     asked = curves_model().signature_parameters
     keys = {classification_key(asked, c, hand) for c in (0.9, 0.8) for hand in ("left", "unknown")}
     assert len(keys) == 4
+
+
+@pytest.mark.parametrize("name", ["class_set", "flags", "coverage", "provenance"])
+def test_a_file_with_a_value_of_another_kind_is_refused(name: str) -> None:
+    nothing: dict[str, Any] = {name: None}
+    found = replace(classify(curves(12)[0].signature, curves_model()), **nothing)
+    with pytest.raises(CorruptFileError):
+        classification_from_hdf5(classification_to_hdf5(found))

@@ -173,6 +173,17 @@ def test_planes_are_refused_as_one_nifti_before_they_are_simulated(
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.parametrize("option", [("--noise", "1"), ("--grid", "8,16"), ("--vertices", "900")])
+def test_options_of_surfaces_are_refused_for_images(
+    tmp_path: Path, option: tuple[str, str]
+) -> None:
+    words = ["simulate", "--image", "labels", "-o", str(tmp_path / "x.zip"), *option]
+    run = CliRunner().invoke(main, words)
+    assert run.exit_code == 2
+    assert f"{option[0]} is for surfaces" in run.output
+    assert not [*tmp_path.iterdir()]
+
+
 def test_simulated_images_are_what_their_name_says(tmp_path: Path) -> None:
     pytest.importorskip("nibabel")
     words = ["simulate", "--image", "labels", "--frames", "1", "-o"]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from dense_lattices import MIDDLE_LATTICES, SMALL_LATTICES, each_of, stiffness_matrix
@@ -236,3 +239,12 @@ def test_frequencies_of_very_different_springs() -> None:
 def test_frequencies_beyond_the_largest_number_are_refused() -> None:
     with pytest.raises(ParameterError, match="beyond the largest number"):
         Lattice(PLANE, (4, 4), stiffness=1e308, mass=1e-308)
+
+
+def test_all_modes_are_found_once_and_end_with_their_lattice() -> None:
+    lattice = Lattice(CYLINDER, (40, 50))
+    kept = weakref.ref(lattice.all_modes())
+    assert lattice.all_modes() is kept()
+    del lattice
+    gc.collect()
+    assert kept() is None

@@ -36,6 +36,11 @@ def test_frames_are_what_they_were_and_cost_nothing() -> None:
     assert found.sequence.times == pytest.approx(sequence.times)
 
 
+def test_at_frames_the_surface_is_theirs_to_the_last_bit() -> None:
+    sequence = replace(beat(8, 0.5), times=None)
+    np.testing.assert_array_equal(resample(sequence, 8).sequence.vertices, sequence.vertices)
+
+
 def test_without_times_frames_are_even_steps_whatever_period_is_stated() -> None:
     sequence = beat(20)
     assert sequence.facts.period is not None

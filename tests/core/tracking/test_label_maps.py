@@ -168,6 +168,14 @@ def test_labels_that_are_nowhere_are_named() -> None:
         from_labels(ImageSequence((planes(),)), (3,))
 
 
+def test_a_frame_without_labels_says_what_to_do() -> None:
+    whole = labels()
+    empty = Volume(np.zeros_like(whole.values), whole.affine)
+    with pytest.raises(ParameterError, match="Label 3 has 0 voxels in frame 1") as error:
+        from_labels(ImageSequence((whole, empty)), (3,))
+    assert error.value.remedy.startswith("Label the cavity in this frame too")
+
+
 def test_a_stated_landmark_outside_all_labels_is_noted() -> None:
     images = ImageSequence((labels(), labels(18.0)))
     away = BASE + 15.0 * AXES[:, 2]
