@@ -515,7 +515,7 @@ def test_every_option_command_and_setting_that_is_named_exists() -> None:
 # They name an option and cannot be followed here: why, or where they are.
 ELSEWHERE = {
     "State the landmark theta_zero": "classification/answer: of a cup whose zero is weak",
-    "To continue without such files, use --skip-unreadable": "tests/core/cli/test_model_commands.py",
+    "To continue without such files, use --skip-unreadable": "tests/core/cli/test_model_commands",
     "Write --landmarks apex=1,2,3": "tests/core/cli/test_track_commands.py",
     "Start more services with --stateless": "tests/service/routes/test_stateless.py",
     "Check the folder that is named as": "tests/service/workspace/test_read_only.py",

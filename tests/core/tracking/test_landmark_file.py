@@ -117,7 +117,7 @@ def test_files_among_frames_belong_to_all_or_to_the_frame_of_their_name(tmp_path
     turned = read_observed(tmp_path, coordinates="RAS")
     assert turned.landmarks["apex"][1:].tolist() == [[-1, -2, 3], [1, 2, 3]]
     (tmp_path / "scan_2.mrk.json").write_bytes(b"{}")
-    with pytest.raises(MalformedFileError, match=r"'scan_2.mrk.json': It is not a file"):
+    with pytest.raises(MalformedFileError, match=r"'scan_2.mrk.json': It is not a landmark file"):
         read_observed(tmp_path)
 
 
