@@ -73,7 +73,7 @@ def test_what_is_stated_as_a_cylinder_is_closed_to_a_cup_for_normal_displacement
     cut = without_apex(mm.simulate_ventricle(grid=(12, 24)), np.random.default_rng(3))
     found = classify(cut, load_model())
     assert found.flags == ("out of domain",)
-    assert "Set the topology if it is wrong" in found.notes[0]
+    assert "State the topology if it is wrong" in found.notes[0]
     for other, name in (
         (replace(cut, topology=None), DEFAULT_MODEL),
         (cut, NORMAL_DISPLACEMENT_MODEL),

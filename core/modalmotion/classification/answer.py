@@ -192,10 +192,7 @@ def classify(
     features, share = model.features(read), volume_share(read)
     probabilities, ruled_out = model.probabilities(features[None])[0], model.contradicts(share)
     if ruled_out.all():
-        words = (
-            f"its volume decreases by {share:.0%}, which matches no class of the model. Check "
-            "the recording"
-        )
+        words = f"it loses {share:.0%} of its volume, which no class of the model does. Look at it"
         return _answer(signature, model, coverage, (Flag(OUT_OF_DOMAIN, words),))
     likeliest = int(probabilities.argmax())
     notes = _notes(signature, model)
@@ -215,8 +212,8 @@ def classify(
     )
     if not strict.any():
         words = (
-            f"it is unlike every class at {max(coverage, _STRICT):.1%}: the probability of each "
-            f"is lower than in nearly all of its own cases. Check the recording"
+            f"it is unlike every class at {max(coverage, _STRICT):.1%}: none is as probable as in "
+            "nearly all cases that are of it. Look at the recording"
         )
         return _answer(signature, model, coverage, (Flag(OUT_OF_DOMAIN, words),))
     if held.any():
@@ -261,10 +258,10 @@ def fitted_in(readable: Readable, sequence: MeshSequence) -> ModalSignature:
             imposed = readable.imposed_on(signature.surface, sequence.topology)
     except errors.ModeCountError as error:
         raise errors.ModeCountError(
-            f"The model needs {readable.n_modes} modes, but these vertices determine fewer. "
-            f"{error.message}",
-            remedy="Send a finer mesh, or train a model on recordings like this one: it will use "
-            "as many modes as they determine.",
+            f"The model reads {readable.n_modes} modes, and these vertices determine "
+            f"fewer. {error.message}",
+            remedy="Send a finer mesh, or train a model on recordings like this one: it reads as "
+            "many modes as they have.",
             details=error.details,
         ) from error
     with suppress(errors.TopologyError):
@@ -288,8 +285,8 @@ def signature_in(
         signature = fitted_in(readable, motion) if isinstance(motion, MeshSequence) else motion
         if (reason := unlike(signature, readable)) is not None:
             raise errors.UnlikeCasesError(
-                f"It is not comparable with the others: {reason.words}.",
-                remedy="Give the sequence itself, which is then fitted like the others.",
+                f"It does not compare with the others: {reason.words}.",
+                remedy="Give the sequence itself, which is then fitted as the others were.",
                 details={"sequence_id": signature.sequence_id},
             )
     except errors.ModalMotionError as error:
@@ -306,12 +303,12 @@ def unlike(signature: ModalSignature, readable: Readable) -> Flag | None:
     elif signature.kind != required.kind:
         words = (
             f"the model reads signatures of the kind {required.kind}, and this one is of the kind "
-            f"{signature.kind}; the two are not comparable. Fit it with kind={required.kind}"
+            f"{signature.kind}, which do not compare. Fit it with kind={required.kind}"
         )
     elif signature.surface != readable.topology:
-        remedy = "Set the topology if it is wrong"
+        remedy = "State the topology if it is wrong"
         if readable.closes_apices and signature.surface == CYLINDER.name:
-            remedy = "Fit it with topology=cup, as a cup with its apex cut off"
+            remedy = "Fit it with topology=cup, as a cup of which the apex was cut off"
         what = OUT_OF_DOMAIN
         words = (
             f"the model reads signatures of the topology {readable.topology}, this one's is "
@@ -320,9 +317,9 @@ def unlike(signature: ModalSignature, readable: Readable) -> Flag | None:
     elif modes.connectivity_id != readable.connectivity_id:
         what = OUT_OF_DOMAIN
         words = (
-            "the model reads recordings of one mesh only, and this is another: spring modes of "
-            "different meshes are not comparable. Send it on that mesh, or train a model with a "
-            "topology shared by all surfaces (topology)"
+            "the model reads recordings of one mesh only, and this is another: spring modes do not "
+            "compare between meshes. Send it on that mesh, or train a model with a topology that "
+            "all surfaces have (topology)"
         )
     elif n_own < n:
         words = (
@@ -339,9 +336,8 @@ def unlike(signature: ModalSignature, readable: Readable) -> Flag | None:
 
 _NO_VOLUME: Final = Flag(
     UNREADABLE,
-    "the model reads the volume of a cavity, but this signature has none, or the surface turns "
-    "inside out. Fit a cup-shaped surface, or set its cavity, with the model's signature "
-    "parameters",
+    "the model reads the volume of a cavity, which this signature lacks or which turns inside "
+    "out. Fit a cup-shaped surface, or state its cavity, with the model's signature parameters",
 )
 
 
@@ -375,7 +371,7 @@ def _notes(signature: ModalSignature, model: Model) -> list[Note]:
         notes.append(Note.of("tracking_unknown"))
     share = signature.deviation_share
     if share:
-        unsure = ", which the probabilities do not include: they are overconfident"
+        unsure = ", which the probabilities do not contain: they are too sure"
         consequence = unsure if share >= _UNSURE else ""
         notes.append(Note.of("amplitudes_uncertain", share=share, consequence=consequence))
     if model.signature_parameters.reference == MEAN != signature.parameters.reference:

@@ -221,24 +221,20 @@ class OutlierDetector:
             text = f"no motion: it deforms by {motion.amount:.2%} of its size, less than"
             return (Flag(NO_MOTION, f"{text} {least_motion:.2%}"),)
         if smooth < least_smooth:
-            text = (
-                "the motion is mostly noise from frame to frame (smoothness 1 for a smooth "
-                "motion, here"
-            )
-            return (Flag(NOISE, f"{text} {smooth:.2f})"),)
+            text = "the motion is mostly noise from frame to frame (a smooth one would have 1, this"
+            return (Flag(NOISE, f"{text} one has {smooth:.2f})"),)
         share = motion.signature.deviation_share
         if share is not None and share >= 1.0:
             words = (
                 f"the amplitudes are not determined: their standard deviations are {share:.2g} "
-                f"times the amplitudes. Record more points, or cover more of the surface"
+                "times as large as they are. Record more points, or points of more of the surface"
             )
             return (Flag(UNDETERMINED, words),)
         if self.reader.is_cycle and motion.largest_step > largest_step:
             words = (
-                "frames of the cycle are missing or too few: between two frames the surface moves "
-                "by "
-                f"{motion.largest_step:.0%} of the extent of its motion. Send one whole cycle "
-                f"with all of its frames"
+                "frames of the cycle are missing, or too few: between two frames it moves over "
+                f"{motion.largest_step:.0%} of the extent of its motion. Send one whole cycle, in "
+                "as many frames as there are"
             )
             return (Flag(INCOMPLETE, words),)
         inputs = self.read(motion)
@@ -276,8 +272,8 @@ class OutlierDetector:
             return Flag(OTHER_SIZE, words)
         if farthest == "elongation":
             words = (
-                "its ratio of length to width is outside that of the training cases. Check that "
-                "the model is meant for this surface"
+                "its surface is longer or shorter for its width than that of any training case. "
+                "Check that it is the surface that the model is for"
             )
             return Flag(OUT_OF_DOMAIN, words)
         apart = (self.points - place) / self.scales
@@ -293,12 +289,13 @@ class OutlierDetector:
 _OF_CHECKS: Final = {
     "mirrored": Flag(
         MIRRORED,
-        "its mirror image fits the training cases and the motion itself does not, as if one "
-        "coordinate axis were negated. Set handedness=left, or send it in right-handed coordinates",
+        "its mirror image fits the training cases and the motion itself does not, as where one "
+        "axis of the coordinates was negated. State the handedness (handedness=left), or send it "
+        "in right-handed coordinates",
     ),
     "reversed": Flag(
         REVERSED,
-        "it fits the training cases only with its frames in reverse order. Check the order of the "
+        "backwards it fits the training cases and as it is it does not. Check the order of the "
         "frames",
     ),
 }

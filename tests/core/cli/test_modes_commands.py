@@ -75,7 +75,7 @@ def test_animations_are_written(tmp_path: Path, beat: Path, name: str) -> None:
         ("1,1=5", "label of a mode"),
         ("1,0,sin=5", "zero everywhere"),
         ("-1,0,cos=5", "backwards"),
-        ("1,99,cos=5", "two steps"),
+        ("1,99,cos=5", "two edge lengths"),
         ("1,1,cos=inf", "finite"),
         ("1,1,cos=much", "not an amplitude"),
         ("spring 3=1", "closed form"),

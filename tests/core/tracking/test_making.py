@@ -293,7 +293,7 @@ def test_curves_are_tracked_too() -> None:
         ({"landmarks": {"nose": (0.0, 0.0, 0.0)}}, "apex and base"),
         ({"landmarks": {"apex": np.zeros((3, 3))}}, "one for each frame"),
         ({"topology": "cup"}, "apex=x,y,z"),
-        ({"topology": "torus"}, "surface as start"),
+        ({"topology": "torus"}, "starting surface"),
         ({"topology": "nothing"}, "names no topology"),
     ],
 )
