@@ -367,6 +367,27 @@ def _refusal(name: str, value: Any, needed: str, example: str) -> ParameterError
     )
 
 
+class FrozenArrays:
+    """A value whose arrays are read-only, and stay so in its copies, here and in other processes.
+
+    A pickle and a deep copy forget that an array is read-only.
+    """
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            for part in value if isinstance(value, tuple) else (value,):
+                if isinstance(part, np.ndarray):
+                    part.setflags(write=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Hashes of texts differ from process to process.
+        return {name: value for name, value in vars(self).items() if name != "_hash"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        FrozenArrays.__post_init__(self)
+
+
 class Saved:
     """A value that `modalmotion.save` writes to a file."""
 

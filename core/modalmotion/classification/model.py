@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import scipy
 
-from modalmotion.arguments.checking import Plotted, Saved
+from modalmotion.arguments.checking import FrozenArrays, Plotted, Saved
 from modalmotion.classification import motion_features, performance
 from modalmotion.classification.card import ModelCard
 from modalmotion.classification.motion import Column, Motion
@@ -20,7 +20,7 @@ from modalmotion.classification.outliers import OutlierDetector
 from modalmotion.errors import TopologyError
 from modalmotion.modes.topologies import CUP, CYLINDER, MESH, Topology
 from modalmotion.notes import Note, notes_as_json
-from modalmotion.representation import Array, Bools, Floats, FrozenArrays, Ints, shown
+from modalmotion.representation import Array, Bools, Floats, Ints, shown
 from modalmotion.signature.making import SignatureKind, SignatureParameters
 from modalmotion.signature.parameters import parameters_as_json, parameters_from_json
 

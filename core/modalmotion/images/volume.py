@@ -10,10 +10,11 @@ from typing import Any, ClassVar, Final, TypeAlias
 import numpy as np
 import scipy
 
+from modalmotion.arguments.checking import FrozenArrays
 from modalmotion.errors import ParameterError, ShapeError
 from modalmotion.mesh.checks import require_times
 from modalmotion.notes import Note
-from modalmotion.representation import Array, Floats, FrozenArrays, shown
+from modalmotion.representation import Array, Floats, shown
 
 # mm: finer and coarser samples are those of a microscope or of a wrong unit.
 _FINEST: Final = 1e-3

@@ -7,9 +7,10 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
+from modalmotion.arguments.checking import FrozenArrays
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 from modalmotion.notes import Note
-from modalmotion.representation import Array, FloatArray, Floats, FrozenArrays, Ints, Singles, shown
+from modalmotion.representation import Array, FloatArray, Floats, Ints, Singles, shown
 
 AnyArray = TypeVar("AnyArray", bound=Array)
 

@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 
-from modalmotion.arguments.checking import Recorded
+from modalmotion.arguments.checking import FrozenArrays, Recorded
 from modalmotion.errors import ParameterError, ShapeError, TopologyError
 from modalmotion.hdf5 import image
 from modalmotion.mesh import checks, fact_forms, triangles
@@ -17,7 +17,7 @@ from modalmotion.mesh.facts import NO_FACTS, Facts
 from modalmotion.modes import topologies
 from modalmotion.modes.lattice import Lattice
 from modalmotion.notes import Note
-from modalmotion.representation import Array, FloatArray, Floats, FrozenArrays, Ints, counted, shown
+from modalmotion.representation import Array, FloatArray, Floats, Ints, counted, shown
 
 MM_PER_UNIT: Final[dict[str, float]] = {
     "m": 1e3,

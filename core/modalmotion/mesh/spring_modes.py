@@ -16,12 +16,13 @@ from typing import Final, TypeAlias
 import numpy as np
 import scipy
 
+from modalmotion.arguments.checking import FrozenArrays
 from modalmotion.errors import LimitError, ModeCountError, ParameterError
 from modalmotion.mesh.laplacian import graph_laplacian
 from modalmotion.mesh.triangles import connectivity_of, pieces_of
 from modalmotion.modes.mode_set import ModeSet, lowest_modes
 from modalmotion.modes.topologies import ModeLabel, Surface
-from modalmotion.representation import Array, Bools, Floats, FrozenArrays, Ints, shown
+from modalmotion.representation import Array, Bools, Floats, Ints, shown
 
 
 @shown()

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from modalmotion.arguments.checking import whole
+from modalmotion.arguments.checking import FrozenArrays, whole
 from modalmotion.errors import LimitError, ModeCountError
 from modalmotion.modes.topologies import (
     CLOSED,
@@ -28,7 +28,7 @@ from modalmotion.modes.topologies import (
     require_shape,
     scales_of,
 )
-from modalmotion.representation import Array, Bools, Floats, FrozenArrays, Ints, shown
+from modalmotion.representation import Array, Bools, Floats, Ints, shown
 
 
 @shown("topology", "wavenumbers")

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from modalmotion.arguments.checking import FrozenArrays
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 from modalmotion.modes.responses import Responses, Twofold, add, multiply, responses
-from modalmotion.representation import Bools, Floats, FrozenArrays, shown
+from modalmotion.representation import Bools, Floats, shown
 
 
 @shown()

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import scipy
 
+from modalmotion.arguments.checking import FrozenArrays
 from modalmotion.errors import ParameterError, TopologyError
 from modalmotion.hdf5 import image
 from modalmotion.mesh.alignment import middle_positions, reference_positions
@@ -17,7 +18,7 @@ from modalmotion.mesh.spring_modes import Modes, spring_modes
 from modalmotion.modes import mode_set, topologies
 from modalmotion.notes import Note, notes_from_json
 from modalmotion.numeric.scales import power_of_two
-from modalmotion.representation import Floats, FrozenArrays, Ints, shown
+from modalmotion.representation import Floats, Ints, shown
 from modalmotion.template.axis import Placement
 from modalmotion.template.landmarks import GivenLandmarks, Landmarks, landmarks_in
 

@@ -7,9 +7,10 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from modalmotion import mesh, notes
+from modalmotion.arguments.checking import FrozenArrays
 from modalmotion.errors import NonFiniteError, ParameterError, ShapeError
 from modalmotion.formats.frame import in_frame
-from modalmotion.representation import Floats, FrozenArrays, Ints, shown
+from modalmotion.representation import Floats, Ints, shown
 
 Place: TypeAlias = str | int | tuple[int, ...]
 """Where a landmark sits on the surface: "apex", "base", a vertex, or the mean of some."""

@@ -7,13 +7,13 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from modalmotion.arguments.checking import Recorded
+from modalmotion.arguments.checking import FrozenArrays, Recorded
 from modalmotion.errors import TopologyError
 from modalmotion.mesh import checks, geometry
 from modalmotion.mesh.sequence import MeshSequence
 from modalmotion.modes import ModeSet, topologies
 from modalmotion.notes import Note
-from modalmotion.representation import Bools, Floats, FrozenArrays, Ints, shown
+from modalmotion.representation import Bools, Floats, Ints, shown
 from modalmotion.template import Template
 from modalmotion.tracking.closest import unit_vectors
 from modalmotion.tracking.deformable import Deformable

@@ -17,8 +17,8 @@ import pytest
 from classify_samples import small_model
 
 import modalmotion as mm
+from modalmotion.arguments.checking import FrozenArrays
 from modalmotion.classification import TrainingCase, TrainingOptions, classify
-from modalmotion.representation import FrozenArrays
 
 FACTS = mm.Facts(period=2.0, landmarks={"apex": 3}, covariates={"age": 61, "sex": "f"})
 
