@@ -218,7 +218,7 @@ class Alike(NamedTuple):
             LeftOut(
                 case.name or f"case {number}",
                 f"Its {len(case.signature.modes)} modes of a {case.signature.surface} are not "
-                f"comparable with those of most cases.",
+                "comparable with those of most cases.",
             )
             for case, number, basis in rows
             if basis != most
@@ -432,8 +432,7 @@ def _values_of(column: str, cases: Sequence[TrainingCase]) -> Iterator[str]:
     known = sorted({name for case in cases for name in case.covariates})
     if column.casefold() not in map(str.casefold, known):
         raise errors.ParameterError(
-            f"The option 'groups' names the covariate {column[:80]!r}, which none of the cases "
-            f"has.",
+            f"The option 'groups' names the covariate {column[:80]!r}, which none of the cases has.",
             remedy="Use a column of the manifest or a covariate of the cases: "
             f"{', '.join(known) or 'there is none'}.",
             details={"option": "groups", "covariates": known},

@@ -285,9 +285,8 @@ COMPARISON_METHODS: Final = (
     "Differences are the second model's figure minus the first's, on the same cases. Intervals of "
     "95 % and p of AUC, log loss and Brier score: normal, with the variance of the contributions "
     "of the subjects (of the AUC by DeLong, DeLong and Clarke-Pearson 1988). p of the accuracy: "
-    "McNemar's "
-    "exact test; a subject with several cases counts once, for the model that is right more often "
-    "on them."
+    "McNemar's exact test; a subject with several cases counts once, for the model that is right "
+    "more often on them."
 )
 """How a comparison is made."""
 

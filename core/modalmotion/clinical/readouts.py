@@ -266,7 +266,7 @@ def _size(offsets: Floats) -> float:
     if not _SMALLEST < size < _LARGEST:
         raise errors.ParameterError(
             f"The surface is {size:.1g} in size; its volume overflows or underflows in double "
-            f"precision.",
+            "precision.",
             remedy="Use a larger or smaller unit, with numbers near 1.",
         )
     return power_of_two(size)

@@ -168,7 +168,7 @@ def read_patch_modes(data: bytes, n_vertices: int, faces: Ints) -> PatchModes:
     if cut.patch > LARGEST_PATCH or cut.work(n_vertices) > MOST_WORK:
         raise LimitError(
             f"Patches of {cut.patch} vertices of a mesh of {n_vertices} would take too long to "
-            f"solve.",
+            "solve.",
             remedy="No encoder of this project writes such a stream: do not trust its sender.",
             limit="spring_modes",
         )

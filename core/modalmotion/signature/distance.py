@@ -239,7 +239,7 @@ def compare(a: ModalSignature, b: ModalSignature, *, closed: bool = True) -> Com
     if a.kind != b.kind:
         raise ParameterError(
             f"One signature is of the kind {a.kind}, the other of {b.kind}: displacements of "
-            f"points and normal displacements of a surface are not comparable.",
+            "points and normal displacements of a surface are not comparable.",
             remedy="Fit both with kind=normal_displacement, which works for every surface, or "
             "both with kind=material if the points of both follow the tissue.",
             details={"kinds": [a.kind.value, b.kind.value]},

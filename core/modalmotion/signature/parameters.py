@@ -153,7 +153,7 @@ class SignatureParameters:
         if self.components != body_frame.Components.CARTESIAN:
             raise errors.ParameterError(
                 f"A normal displacement has one number per mode and no {self.components} "
-                f"components.",
+                "components.",
                 remedy="Omit components, or use kind=material.",
             )
         if self.auto:

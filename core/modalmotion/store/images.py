@@ -181,7 +181,7 @@ class ImageStore(sequences.SequenceStore):
                 return read_images_record(self._folder.path("image_records", images_id))
         raise NotFoundError(
             f"There are no images {str(images_id)[:12]!r}: images are deleted after tracking "
-            f"unless they are kept.",
+            "unless they are kept.",
             remedy="Use the id returned when they were sent, or send them again.",
         )
 

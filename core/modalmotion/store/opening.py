@@ -400,7 +400,7 @@ class SequenceRecords(Opening):
             if differ:
                 raise errors.ParameterError(
                     f"The sequence is already stored with a different {' and '.join(differ)}; "
-                    f"nothing was changed.",
+                    "nothing was changed.",
                     remedy="Change it with `update_sequence`.",
                     details={"differ": differ},
                 )

@@ -281,8 +281,8 @@ def _require_left(faces: Ints) -> None:
     a, b, c = faces.T
     if ((a == b) | (b == c) | (c == a)).all():
         raise errors.TopologyError(
-            f"All {len(faces)} triangles have two corners at the same place in every "
-            f"frame, so there is no surface.",
+            f"All {len(faces)} triangles have two corners at the same place in every frame, so "
+            "there is no surface.",
             remedy="Send a surface with an area: vertices that coincide in every frame are merged.",
         )
 

@@ -358,7 +358,7 @@ def require_fit(surface: Surface, stated: Topology) -> None:
     if not len(surface.faces):
         raise errors.TopologyError(
             f"The topology was set to {stated}, but no edges join the {len(surface.vertices)} "
-            f"vertices.",
+            "vertices.",
             remedy="Send triangles, or the lattice shape of the vertices (grid).",
         )
     connectivity = surface.connectivity

@@ -195,8 +195,7 @@ def require_same_mesh(template: Template, sequence: MeshSequence) -> None:
         raise ParameterError(
             "The triangles of the template differ from those of the sequence.",
             remedy="Use a template with the same connectivity, or none: each sequence is then "
-            "given "
-            "its own.",
+            "given its own.",
         )
 
 
@@ -245,7 +244,7 @@ def frequencies_of(modes: Modes, template: Template, wave_speed: float = 1.0) ->
         raise ParameterError(
             f"Waves of {wave_speed:g} length units per s on a surface with lengths "
             f"{', '.join(f'{length:.3g}' for length in template.lengths)} have frequencies that "
-            f"overflow.",
+            "overflow.",
             remedy="Use a smaller unit of length, or a smaller wave speed.",
         )
     return frequencies

@@ -161,6 +161,6 @@ def _require_shown(template: Template, modes: ModeSet) -> None:
         label = modes.labels[int(np.flatnonzero(short)[0])]
         raise errors.ParameterError(
             f"The waves of {label} are shorter than two edge lengths of this mesh, which cannot "
-            f"resolve them.",
+            "resolve them.",
             remedy="Use smaller wavenumbers, or a finer mesh.",
         )

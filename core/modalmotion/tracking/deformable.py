@@ -192,8 +192,7 @@ def require_unfolded(surface: Deformable, vertices: Floats) -> None:
         if not folded <= _MOST_FOLDED:
             raise errors.ShapeError(
                 f"In frame {frame} the surface folds over itself over {folded:.0%} of its area: "
-                f"the "
-                "data do not fit a surface of this topology from this start.",
+                "the data do not fit a surface of this topology from this start.",
                 remedy="Check the landmarks and the topology, ask for fewer modes, or give a "
                 "starting surface close to the data.",
                 frame=frame,

@@ -285,7 +285,7 @@ def reference_shape(
     if found < LEAST_FOUND:
         raise errors.ShapeError(
             f"No object is seen in frame {number}: on {found:.0%} of the profiles across the "
-            f"surface there is an edge; noise alone gives one on a tenth.",
+            "surface there is an edge; noise alone gives one on a tenth.",
             remedy="Check apex and base, and that the images show an inside and an outside.",
             frame=number,
             details={"found": found},

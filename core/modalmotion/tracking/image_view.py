@@ -583,7 +583,7 @@ def first_sight(image: Image, apex: Floats, base: Floats, frame: int) -> tuple[L
     if agrees.mean() < _LEAST_AGREED:
         raise errors.ShapeError(
             f"No object is seen about the axis in frame {frame}: only {agrees.mean():.0%} of the "
-            f"outward rays meet an edge of the same kind.",
+            "outward rays meet an edge of the same kind.",
             remedy="Check apex and base, and that both are in the images.",
             frame=frame,
             details={"agreed": float(agrees.mean())},

@@ -113,7 +113,7 @@ def landmarks_of(facts: Facts) -> dict[str, Floats]:
         if not (isinstance(place, tuple) and all(isinstance(part, float) for part in place)):
             raise ParameterError(
                 f"The landmark '{name}' is not a point; a recording to be tracked has no fixed "
-                f"vertices.",
+                "vertices.",
                 remedy="Give it as x,y,z in the unit of the points.",
                 details={"landmark": name},
             )

@@ -99,7 +99,7 @@ def require_surface_tracking(facts: mesh.Facts) -> None:
     if facts.tracking not in ("normal_displacement", "unknown"):
         raise errors.ParameterError(
             f"The fact 'tracking' is {facts.tracking!r}: tracking follows the surface, not its "
-            f"tissue.",
+            "tissue.",
             remedy="Leave it out; it becomes normal_displacement.",
             details={"fact": "tracking"},
         )
