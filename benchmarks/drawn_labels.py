@@ -56,6 +56,18 @@ def drawn_maps(seed: int, n: int, n_frames: int = 4) -> Iterator[Drawn]:
         yield Drawn(ImageSequence(frames, one.times, parameters.period), truth)
 
 
+def torn(case: Drawn, frame: int) -> Drawn:
+    """Take the labels of the higher half of the slices out of one frame."""
+    frames = list(case.images.frames)
+    whole = frames[frame]
+    assert isinstance(whole, Volume)
+    labels = whole.values.copy()
+    drawn = np.flatnonzero((labels == CAVITY).any(axis=(0, 1)))
+    labels[:, :, drawn[(len(drawn) + 1) // 2 :]] = 0
+    frames[frame] = Volume(labels, whole.affine)
+    return Drawn(ImageSequence(tuple(frames), case.images.times, case.images.period), case.truth)
+
+
 def _labels(
     x: Floats, faces: NDArray[np.int64], rng: np.random.Generator, *, lacks_tips: bool
 ) -> tuple[NDArray[np.int16], Floats]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
 from drawn_labels import CAVITY, drawn_maps
+from drawn_labels import torn as torn_map
 from experiments import Row, experiment
 from judged_images import drawn_figures, labelled, phantoms, real_images, tracked, valve_figures
 from judged_tracks import (
@@ -65,6 +67,27 @@ def _drawn_rows(name: str, what: str) -> tuple[Row, ...]:
 def drawn(seed: int) -> tuple[float, ...]:
     cases = list(drawn_maps(seed, 12))
     return (*drawn_figures(cases, ()), *drawn_figures(cases, (CAVITY,)))
+
+
+@experiment(
+    Row("images.torn.median", "median error of EF, maps of which one frame lacks half", "points"),
+    Row("images.torn.inside", "true EF inside, maps of which one frame lacks half", goal=(0.9, 1)),
+    Row("images.torn.volume", "true volume of that frame inside", goal=(0.9, 1)),
+)
+def torn(seed: int) -> tuple[float, ...]:
+    """Take half of the slices out of one frame: each but the first, in turn."""
+    off, inside, are_within = [], [], []
+    for k, case in enumerate(drawn_maps(seed, 12)):
+        frame = 1 + k % 3
+        result = track(torn_map(case, frame).images, labels=(CAVITY,))
+        found = Judged.of(result, case.truth)
+        off.append(abs(found.off))
+        inside.append(found.is_inside)
+        assert result.volumes is not None
+        assert result.volume_deviations is not None
+        missed = result.volumes[frame] - abs(case.truth.volumes[frame])
+        are_within.append(bool(abs(missed) <= 2.0 * result.volume_deviations[frame]))
+    return float(np.median(off)), float(np.mean(inside)), float(np.mean(are_within))
 
 
 @experiment(

@@ -432,7 +432,8 @@ def _values_of(column: str, cases: Sequence[TrainingCase]) -> Iterator[str]:
     known = sorted({name for case in cases for name in case.covariates})
     if column.casefold() not in map(str.casefold, known):
         raise errors.ParameterError(
-            f"The option 'groups' names the covariate {column[:80]!r}, which none of the cases has.",
+            f"The option 'groups' names the covariate {column[:80]!r}, which none of the cases "
+            "has.",
             remedy="Use a column of the manifest or a covariate of the cases: "
             f"{', '.join(known) or 'there is none'}.",
             details={"option": "groups", "covariates": known},

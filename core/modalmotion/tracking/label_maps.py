@@ -269,8 +269,7 @@ _TURNS: Final = 3
 # it is up to half of one below; and anywhere up to the highest slice of all frames, or down to the
 # lowest, where a reader left out several slices of one frame, or drew too many.
 _ABOVE: Final = ((-0.5, 0.1), (0.0, 1.0), (1.0, 0.3), (2.0, 0.03), (3.0, 0.0))
-_LEFT_OUT: Final = 0.03
-_TOO_MANY: Final = 0.003
+_ANYWHERE: Final = 0.03
 
 # Deviation of the base of a frame from its path: mm, and of the length of the path. Percentage
 # points that the volume of sections taken from another frame may be off by, of their share.
@@ -533,8 +532,7 @@ def _levels(
         above = np.where(slices < 0.0, slices, np.maximum(slices - (gap - 1.0), 0.0))
         of_slice = weights[np.searchsorted(edges, above + 1e-9, side="right") - 1]
         between = (top + h > tops.min()) & (top + h < tops.max() + step)
-        wrong = np.where(slices > 0.0, _LEFT_OUT, _TOO_MANY)
-        of_slice = np.maximum(of_slice, between * wrong)
+        of_slice = np.maximum(of_slice, between * _ANYWHERE)
         path = H[:, None] - c * own
         likely = of_slice * np.exp(-(((top + h) - path[..., None]) ** 2) / (2.0 * sd_off**2))
         total = np.maximum(likely.sum(axis=2), 1e-300)
