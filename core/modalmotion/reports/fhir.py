@@ -86,8 +86,6 @@ def absent(code: str, text: str) -> Resource:
     return {"dataAbsentReason": {"coding": [{"system": ABSENT, "code": code}], "text": text}}
 
 
-MEDIA_TYPE: Final = "application/fhir+json; fhirVersion=4.0"
-
 NOBODY: Final = "Not stated"
 """Instead of a subject's name."""
 NO_PERSON: Final = "No person: computed by the device"

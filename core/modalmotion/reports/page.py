@@ -255,9 +255,6 @@ FILES: Final[dict[str, Callable[[Report, View], bytes]]] = {
 }
 """Its files by name, each made of the report and the page on which the surface moves."""
 
-REPORT_SUFFIXES: Final = tuple(Path(name).suffix for name in FILES)
-"""Ends of the names of its files."""
-
 
 def report(
     recording: MeshSequence | tracking.Track | Path,
